@@ -12,6 +12,11 @@ from pathlib import Path
 
 from gliderhpc.errors import InputError
 
+_OTHER_FORMATS = frozenset(
+    (".csv", ".html", ".json", ".mat", ".parquet", ".pdf", ".png", ".txt", ".xlsx", ".yaml", ".yml", ".zarr", ".zip")
+)
+"""Endings of names of files that are not netCDF."""
+
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
 
 
@@ -54,6 +59,18 @@ def check_output(
         raise InputError(
             f"{out}: cannot be written, you have no write permission in the folder {folder}; give {instead}"
         )
+
+
+def check_netcdf_name(out: Path) -> None:
+    """Refuse the name of a netCDF file that ends like that of a file in another format.
+
+    Raises
+    ------
+    InputError
+        The name ends so.
+    """
+    if out.suffix.lower() in _OTHER_FORMATS:
+        raise InputError(f"{out}: is written as netCDF, which {out.suffix} is not; give a name that ends in .nc")
 
 
 def check_parents(out: Path, instead: str) -> None:

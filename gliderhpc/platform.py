@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from gliderhpc.errors import InputError
+from gliderhpc.platform_ranges import check_plausible
 from gliderhpc.platform_sections import (
     CalibrationErrors,
     Negative,
@@ -252,10 +253,13 @@ def read_platform(name_or_path: str | Path) -> Platform:
     Raises
     ------
     InputError
-        There is no such hull or file, it is not YAML, it has an unknown or missing key, or a value is out of range.
+        There is no such hull or file, it is not YAML, it has an unknown or missing key, or a value is out of range or
+        implausible for a glider.
     """
     label, content = _FILES.content(name_or_path)
-    return _validated(label, _with_covariance(label, content, Path(name_or_path).parent))
+    platform = _validated(label, _with_covariance(label, content, Path(name_or_path).parent))
+    check_plausible(label, platform)
+    return platform
 
 
 def _with_covariance(label: str, content: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -49,6 +49,10 @@ class ShippedFiles:
         if not isinstance(name_or_path, str | Path):
             raise InputError(f"{self.kind}: give a name or a path, not a {type(name_or_path).__name__}")
         name, shipped = str(name_or_path), self.names()
+        if not name:
+            raise InputError(
+                f"{self.kind}: the name is empty; give one of {', '.join(shipped)}, or the path of a YAML file"
+            )
         if name in shipped:
             file = f"{name}{_YAML}"
             return file, (resources.files(self.package) / self.folder / file).read_text("utf-8")

@@ -11,7 +11,7 @@ from gliderhpc.cli.console import results, table
 from gliderhpc.cli.main import DONE, FAILED
 from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.cli.options import Finite, deployment, overwrite
-from gliderhpc.output_files import check_output, output_file
+from gliderhpc.output_files import check_netcdf_name, check_output, output_file
 from gliderhpc.report.exports.deployment import read_deployment
 from gliderhpc.wording import counted
 
@@ -54,6 +54,7 @@ def currents(
       gliderhpc currents sg249/ currents.nc
       gliderhpc currents mission.nc currents.nc --platform sea035.yaml --declination 15.4
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    check_netcdf_name(out)
     check_output(out, overwrite=overwrite, inputs=files)
     stated = {} if deployment is None else read_deployment(deployment)
     estimates = estimate_currents(files, platform=platform, declination=declination, out=out).assign_attrs(stated)

@@ -11,7 +11,16 @@ import click
 from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.interruption import interruptible
-from gliderhpc.cli.messages import FULL, Verb, describe_unexpected, is_unusable, names_a_file, printable
+from gliderhpc.cli.messages import (
+    FULL,
+    Verb,
+    describe_unexpected,
+    is_memory_shortage,
+    is_unusable,
+    names_a_file,
+    printable,
+    refuse_empty,
+)
 from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
 from gliderhpc.garbage import infrequent_collection
 from gliderhpc.version import __version__
@@ -85,6 +94,14 @@ INTERRUPTED_STATE = {
     "report": "the page may be that of an earlier report",
 }
 """State after an interruption of each verb, for the message."""
+
+FEWER = "use fewer --workers or fewer profiles at a time"
+LESS_MEMORY = {
+    "import": "give fewer files at a time, or a machine with more memory,",
+    "currents": "give fewer files at a time, or a machine with more memory,",
+    "simulate-mission": "simulate fewer profiles",
+}
+"""Remedies of verbs whose shortage of memory has another cause than workers."""
 
 RESUMABLE = ("run-mission",)
 """Verbs that can be resumed; any other verb is run again."""
@@ -181,6 +198,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         with interruptible(), infrequent_collection(), warnings.catch_warnings():
             # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
+            refuse_empty(sys.argv[1:] if arguments is None else arguments)
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
     except click.ClickException as error:
@@ -205,15 +223,20 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except BrokenPipeError:
         _discard("stdout")
         return UNREAD
-    except MemoryError:
-        return _report_end(f"not enough memory; use fewer --workers or fewer profiles at a time and {remedy}", FAILED)
-    except OSError as error:
+    except Exception as error:  # noqa: BLE001 - the last handler
+        return _report_error(error, verb, remedy)
+
+
+def _report_error(error: Exception, verb: str, remedy: str) -> int:
+    """Report an error of the machine, of the file system or of the program itself."""
+    if is_memory_shortage(error):
+        return _report_end(f"not enough memory; {LESS_MEMORY.get(verb, FEWER)} and {remedy}", FAILED)
+    if isinstance(error, OSError):
         _discard_unwritable_output()
         return _report_system_error(error, remedy)
-    except Exception as error:  # noqa: BLE001 - the last handler
-        if _follows_interruption(error):
-            return _report_interruption(verb, remedy)
-        return _report_end(describe_unexpected(error), FAILED)
+    if _follows_interruption(error):
+        return _report_interruption(verb, remedy)
+    return _report_end(describe_unexpected(error), FAILED)
 
 
 def _report_interruption(verb: str, remedy: str) -> int:

@@ -12,12 +12,12 @@ import shlex
 import sys
 import tempfile
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 
-from gliderhpc.errors import GliderhpcError, message_line
+from gliderhpc.errors import GliderhpcError, InputError, message_line
 from gliderhpc.version import __version__
 
 _REPLACED = "\N{REPLACEMENT CHARACTER}"
@@ -90,6 +90,21 @@ class Verb(click.Command):
             raise
 
 
+def refuse_empty(words: Sequence[str]) -> None:
+    """Refuse an empty word of a command line, which would mean the current folder.
+
+    Raises
+    ------
+    InputError
+        A word, or the value of an option, is empty; the message names the option.
+    """
+    for place, word in enumerate(words):
+        option = word[:-1] if re.fullmatch(r"--[\w-]+=", word) else words[place - 1] if place and not word else ""
+        if option or not word:
+            named = option if option.startswith("-") else f"the argument after {option or 'gliderhpc'}"
+            raise InputError(f"{named}: is empty; give a value (a variable of the shell may be unset)")
+
+
 def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     """Print a text to stdout or stderr."""
     click.echo(printable(with_options(str(text))), err=err, nl=nl)
@@ -139,16 +154,28 @@ _EXPECTED = (
     click.ClickException,
     click.exceptions.Exit,
     click.Abort,
-    MemoryError,
     UnexpectedError,
 )
 
 
 def is_expected(error: BaseException) -> bool:
     """Return whether an error is the user's or the machine's rather than a bug, and explains itself."""
+    if is_memory_shortage(error):
+        return True
     if isinstance(error, OSError):
         return error.errno in FULL or names_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)
+
+
+_NO_ROOM = ("failed to map segment", "cannot allocate memory")
+"""Words of the dynamic linker where a library does not fit into memory."""
+
+
+def is_memory_shortage(error: BaseException) -> bool:
+    """Return whether memory was short, also where a library could not be loaded for that reason."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return isinstance(error, ImportError | OSError) and any(words in str(error).lower() for words in _NO_ROOM)
 
 
 def names_a_file(error: OSError) -> bool:

@@ -111,6 +111,16 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     ]
 
 
+def _single_window(estimate: ProfileEstimate) -> list[str]:
+    """State that a window was as long as the profile, which the usual lengths never are."""
+    if len(estimate.solution.windows) != 1:
+        return []
+    duration = estimate.series.time[-1] - estimate.series.time[0]
+    return [
+        f"the profile, of {duration:.0f} s, is shorter than a window and is a single one: give a shorter window.length"
+    ]
+
+
 def _why_unconverged(window: WindowRecord, platform: Platform, estimate: ProfileEstimate, implausible: Mask) -> str:
     """Name the prevailing condition in a window that did not converge."""
     rows = slice(window.start, window.stop)
@@ -157,7 +167,7 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         count = sum(window.outcome == outcome for window in estimate.solution.windows)
         if count:
             lines.append(f"{count} of {counted(len(estimate.solution.windows), 'window')}: {outcome.sentence}")
-    lines += _unconverged(platform, estimate)
+    lines += [*_unconverged(platform, estimate), *_single_window(estimate)]
     if series.gap_seconds > 0.0:
         lines.append(f"gaps totalling {series.gap_seconds:.0f} s were ignored")
     if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:

@@ -4,17 +4,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.files.headings import frozen_profiles, is_still
-from gliderhpc.observations.format import MEASURED
+from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.importing.rows import onto_nearest, rarely_together
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import equal_runs
 from gliderhpc.observations.records import FloatArray, ProfileRecord
+from gliderhpc.wording import counted
 
 # Sensors that have stopped
 
@@ -99,6 +101,60 @@ def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
     screened = values.copy()
     screened[present[1:-1][false]] = np.nan
     return screened, int(false.sum())
+
+
+_LEAST_EXCESS = {"battery_position": 0.1, "battery_rotation": np.radians(100.0), "ballast_volume": 500e-6}
+"""Minimum distance (m, rad, m3) of a false sample of an actuator from the range of its other samples."""
+_EXCESS, _RATE = 2.0, 2.0
+"""The same as a multiple of that range; and minimum ratio of its rate to that of any other movement."""
+_NEIGHBOURHOOD = 5
+"""Number of samples whose median no run of one or two false samples reaches."""
+_IN_FILES = {
+    "battery_position": (1.0, "m"),
+    "battery_rotation": (np.degrees(1.0), "degree"),
+    "ballast_volume": (1e6, "cm3"),
+}
+"""Factor to the unit of the observation format, and that unit."""
+
+
+def without_false_controls(record: ProfileRecord) -> tuple[ProfileRecord, tuple[str, ...]]:
+    """Return a record without the isolated false samples of its actuators, and a sentence on each actuator with any.
+
+    A false sample, alone or with one neighbour, is farther from the range of all others than twice this range, and the
+    actuator would have reached it at twice the rate of any other movement. A movement of the actuator that the record
+    hardly resolves is neither.
+    """
+    cleaned: dict[str, Any] = {}
+    texts = []
+    for name in CONTROLS:
+        values: FloatArray = getattr(record, name)
+        false = _false_controls(record.time, values, _LEAST_EXCESS[name])
+        if not len(false):
+            continue
+        cleaned[name] = values.copy()
+        cleaned[name][false] = np.nan
+        factor, unit = _IN_FILES[name]
+        found = counted(len(false), f"isolated false sample of {name} is", f"isolated false samples of {name} are")
+        texts.append(
+            f"{found} left out, the first {factor * values[false[0]]:.4g} {unit} after {record.time[false[0]]:.0f} s, "
+            "which no other movement of the actuator comes near: mark them missing (NaN)"
+        )
+    return (replace(record, **cleaned) if cleaned else record), tuple(texts)
+
+
+def _false_controls(time: FloatArray, values: FloatArray, least: float) -> NDArray[np.int64]:
+    """Rows of the false samples among the positions of an actuator, NaN where missing."""
+    present = np.flatnonzero(np.isfinite(values))
+    if len(present) < 2 * _NEIGHBOURHOOD:
+        return present[:0]
+    at, known = time[present], values[present]
+    usual = scipy.ndimage.median_filter(known, _NEIGHBOURHOOD, mode="mirror")
+    excess = np.maximum(usual.min() - known, known - usual.max())
+    intervals = np.diff(at)
+    fastest = float(np.max(np.abs(np.diff(usual)) / intervals))
+    slowest = np.maximum(np.append(intervals, 0.0), np.append(0.0, intervals))
+    false = (excess > max(_EXCESS * float(np.ptp(usual)), least)) & (excess > _RATE * fastest * slowest)
+    return np.asarray(present[false])
 
 
 # Attitude and depth in different rows, as where files of two computers were joined by time

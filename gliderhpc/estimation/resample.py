@@ -12,7 +12,12 @@ from numpy.typing import ArrayLike
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filled_values import without_filled_values
-from gliderhpc.estimation.record_screening import check_sensors, jointly_sampled, without_false_samples
+from gliderhpc.estimation.record_screening import (
+    check_sensors,
+    jointly_sampled,
+    without_false_controls,
+    without_false_samples,
+)
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
 from gliderhpc.observations.importing.rows import nearest_rows
@@ -55,9 +60,10 @@ def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Plat
     record, filled = without_filled_values(jointly_sampled(record))
     check_sensors(record)
     record, false_samples = without_false_samples(record)
+    record, false_controls = without_false_controls(record)
     record = corrected(record if platform is None else corrected(record, platform.sensors), settings.records)
     series = resample(record, settings.step, settings.gap_limit(sampling_intervals(record)), lag)
-    series = replace(series, false_samples=false_samples, filled=filled)
+    series = replace(series, false_samples=false_samples, false_controls=false_controls, filled=filled)
     stored = (len(series.time) - 1) // settings.steps_per_record + 1
     if stored < MIN_STORED:
         raise ProfileError(

@@ -16,6 +16,7 @@ from gliderhpc.kernels import window
 from gliderhpc.kernels.jacobian import rhs_jacobian
 from gliderhpc.kernels.parameters import Body
 from gliderhpc.platform import Platform, read_platform, with_overrides
+from gliderhpc.platform_ranges import check_plausible
 
 Array = NDArray[np.float64]
 
@@ -260,6 +261,7 @@ def load_platform(name_or_path: str | Path, overrides: Mapping[str, str] | None 
         invalid, or the hull has no stable steady dive or no stable steady climb.
     """
     platform = with_overrides(read_platform(name_or_path), overrides or {})
+    check_plausible(str(name_or_path), platform)
     check_uncertainty(platform)
     if not glides_stably(Glider(platform)):
         raise InputError(

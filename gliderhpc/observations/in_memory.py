@@ -11,6 +11,7 @@ import xarray as xr
 
 from gliderhpc.errors import GliderhpcError, InputError
 from gliderhpc.observations.dataset import Observations, open_observations, open_stored
+from gliderhpc.observations.files.valid_limits import LIMITS
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
 from gliderhpc.observations.writer import TIMES, seconds_since, times_since, variable_attributes, write_observations
@@ -60,6 +61,10 @@ def _decoded(path: Path) -> xr.Dataset:
             attributes = {key: value for key, value in array.attrs.items() if key not in ("units", "calendar")}
             dataset = dataset.assign({name: (array.dims, decoded, {"standard_name": "time", **attributes})})
         elif name in VARIABLES or name in REFERENCE:
+            if stored.loses_values(name):
+                dataset[name] = array = array.copy(data=stored.numbers(name, 0, array.size))
+            for limit in LIMITS:
+                array.attrs.pop(limit, None)
             array.attrs |= variable_attributes(VARIABLES.get(name) or REFERENCE[name])
     dataset.encoding["source"] = str(path.resolve())
     dataset = dataset.set_coords([name for name in ("time", "fix_time") if name in dataset.variables])
@@ -128,11 +133,13 @@ def write_records(records: xr.Dataset, path: Path) -> Path:
     # Reference quantities whose shape was changed, for example by `where` or `isel`, are no longer the source's.
     names = [name for name in names if name not in REFERENCE or records[name].dims == (REFERENCE[name].dimension,)]
     variables: dict[str, npt.NDArray[np.generic]] = {
-        name: stored.times(name, 0, records[name].size).time if name in TIMES else records[name].values
+        name: stored.times(name, 0, records[name].size).time
+        if name in TIMES
+        else stored.numbers(name, 0, records[name].size)
         for name in names
     }
     if "profile" in variables:
-        variables["profile"] = np.nan_to_num(variables["profile"])
+        variables["profile"] = np.nan_to_num(variables["profile"]).astype(np.int64)
     attributes = {str(key): value for key, value in records.attrs.items() if key != "Conventions"}
     for name in ("platform", "mission", "source"):
         attributes.setdefault(name, "")

@@ -10,10 +10,13 @@ from gliderhpc.wording import counted
 
 
 def describe_false_samples(series: "ProfileSeries") -> list[str]:
-    """Describe in one sentence the isolated false samples that were left out; empty if there were none."""
+    """Describe the isolated false samples of sensors and actuators that were left out; empty if there were none."""
     if not series.false_samples:
-        return []
-    return [f"{counted(series.false_samples, 'isolated false sample is', 'isolated false samples are')} left out"]
+        return [*series.false_controls]
+    return [
+        *series.false_controls,
+        f"{counted(series.false_samples, 'isolated false sample is', 'isolated false samples are')} left out",
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +50,9 @@ class ProfileSeries:
     control_interval : (n,) array or None
         Time between the actuators' records before and after each step (s); None if it is the sample interval.
     false_samples : int
-        Number of isolated false samples that were left out.
+        Number of isolated false samples of the sensors that were left out.
+    false_controls : tuple of str
+        Sentences on those of the actuators that were left out.
     filled : tuple of str
         Names of the measurements whose repeated or interpolated values were left out.
     partial : (k, 2) int array or None
@@ -75,6 +80,7 @@ class ProfileSeries:
     attitude_interval: float = 0.0
     control_interval: FloatArray | None = None
     false_samples: int = 0
+    false_controls: tuple[str, ...] = ()
     filled: tuple[str, ...] = ()
     partial: npt.NDArray[np.int64] | None = None
     seawater: FloatArray | None = None

@@ -16,7 +16,7 @@ from gliderhpc.observations.checks.profile_checks import (
     check_pace,
     check_variable_of_profiles,
 )
-from gliderhpc.observations.checks.sign_checks import GLIDE, check_signs
+from gliderhpc.observations.checks.sign_checks import GLIDE, check_signs, sense_fault
 from gliderhpc.observations.checks.validation import (
     Span,
     check_clock,
@@ -25,12 +25,16 @@ from gliderhpc.observations.checks.validation import (
     check_variables,
     clock_set_back,
     describe_unnumbered,
+    outside_range,
     profile_spans,
 )
+from gliderhpc.observations.files.columns import describe_fills, usual_fills
+from gliderhpc.observations.files.headings import check_circle
+from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
-from gliderhpc.observations.profiles import detect_profiles
+from gliderhpc.observations.profiles import MIN_DEPTH, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
 
@@ -61,10 +65,47 @@ class StoredVariables:
         return int(self.dataset.sizes.get(dimension, 0))
 
     def numbers(self, name: str, start: int, stop: int) -> FloatArray:
-        """Read a slice of one variable as doubles; zeros if the variable is absent."""
+        """Read a slice of one variable as doubles; zeros if the variable is absent.
+
+        Values outside the limits that the file declares, and usual fill values of depth and ballast volume, are missing
+        (NaN).
+        """
         if name not in self:
             return np.zeros(stop - start)
-        return np.asarray(self._read(name, start, stop), dtype=np.float64)
+        values = np.asarray(self._read(name, start, stop), dtype=np.float64)
+        lost = self._lost(name, values) if self._may_lose(name) else np.zeros(0, dtype=bool)
+        return np.where(lost, np.nan, values) if lost.any() else values
+
+    def loses_values(self, name: str) -> bool:
+        """Return whether values of a variable are missing although they are in the file."""
+        return self._may_lose(name) and bool(self._lost(name, self._whole_variable(name)).any())
+
+    def _may_lose(self, name: str) -> bool:
+        return name in _FILLED or declared_limits(self.dataset.variables[name]) is not None
+
+    def _lost(self, name: str, values: FloatArray) -> npt.NDArray[np.bool_]:
+        return outside(values, declared_limits(self.dataset.variables[name])) | _plausible_fills(name, values)
+
+    def _whole_variable(self, name: str) -> FloatArray:
+        return np.asarray(self._read(name, 0, self.dataset.variables[name].size), dtype=np.float64)
+
+    def describe_missing(self) -> list[str]:
+        """Remarks on the values outside the limits that the file declares, and on undeclared fill values.
+
+        Raises
+        ------
+        InputError
+            Most values of a required variable are outside.
+        """
+        remarks = []
+        for name in (each for each in VARIABLES if each in self and self._may_lose(each)):
+            values, limits = self._whole_variable(name), declared_limits(self.dataset.variables[name])
+            refuse_in = str(self.path) if VARIABLES[name].required else ""
+            what = "sample" if VARIABLES[name].dimension == "time" else "fix"
+            remarks.append(describe_outside(name, values, limits, refuse_in=refuse_in, what=what))
+            fills = _plausible_fills(name, values) & ~outside(values, limits)
+            remarks += [describe_fills(name, values, fills)] if fills.any() else []
+        return [remark for remark in remarks if remark]
 
     def times(self, name: str, start: int, stop: int) -> DecodedTimes:
         """Read a slice of one of the time variables."""
@@ -88,6 +129,17 @@ class StoredVariables:
             raise InputError(
                 f"{self.path}: {name} cannot be read, the file is damaged ({reason}); copy it again"
             ) from error
+
+
+_FILLED = ("depth", "ballast_volume")
+"""Variables in whose plausible ranges there are usual fill values; in those of the water, they are implausible."""
+
+
+def _plausible_fills(name: str, values: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the usual fill values within the plausible range; those outside are faults of their profiles."""
+    if name not in _FILLED:
+        return np.zeros(len(values), dtype=bool)
+    return usual_fills(values) & ~outside_range(VARIABLES[name], values)
 
 
 MAX_FIX_AGE = np.timedelta64(1800, "s")
@@ -180,6 +232,8 @@ def survey_of(stored: StoredVariables) -> Survey:
     """
     path = str(stored.path)
     check_variables(stored.dataset, path)
+    _check_sense(stored)
+    missing = stored.describe_missing()
     clock = stored.times("time", 0, stored.size("time"))
     time = clock.time
     numbers = stored.numbers("profile", 0, len(time)) if "profile" in stored else None
@@ -195,6 +249,7 @@ def survey_of(stored: StoredVariables) -> Survey:
             glide[name] = values
         faults |= check_variable_of_profiles(VARIABLES[name], values, places, faults)
         if name == "heading":
+            check_circle(values, f"{path}: heading")
             doubtful_unit = check_heading_unit(values, places, path)
     depth = glide["depth"]
     faults |= check_pace(time, depth, places, faults)
@@ -205,7 +260,16 @@ def survey_of(stored: StoredVariables) -> Survey:
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
-    return Survey(spans, faults, (*filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
+    return Survey(spans, faults, (*missing, *filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
+
+
+def _check_sense(stored: StoredVariables) -> None:
+    """Refuse a depth that is positive under water and declared positive up."""
+    positive = str(stored.dataset["depth"].attrs.get("positive", ""))
+    depth = stored.numbers("depth", 0, stored.size("time"))
+    if positive.strip().lower() == "up" and (depth > MIN_DEPTH).any() and not (depth < -MIN_DEPTH).any():
+        found, remedy = sense_fault(positive)
+        raise InputError(f"{stored.path}: depth is {found}; {remedy}")
 
 
 def _wrong_depth_units(

@@ -205,6 +205,7 @@ def test_fixes_that_are_not_on_the_globe_are_named():
     found = currents(records.assign(fix_latitude=100.0 * records["fix_latitude"]))
     assert np.isnan(found["dac_north"].values).all()
     assert "fix_latitude is 5800 degree at fix 0, outside -90 to 90" in found.attrs["comment"]
+    assert "convert them from DDMM.mmm to decimal degrees" in found.attrs["comment"]
 
 
 def test_positions_at_the_surface_of_a_sensor_with_an_offset():

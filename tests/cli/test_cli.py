@@ -121,6 +121,13 @@ def test_version():
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--workers", "-1"), "-1 is not in the range"),
         (("run-mission", "a.nc", "--platform", "p", "--store", "s", "--resume", "--overwrite"), "mutually exclusive"),
         (("simulate-mission", "a.nc"), "Missing option '--platform'"),
+        (("run-mission", "a.nc", "--platform", "petrel-l", "--store", ""), "--store: is empty; give a value"),
+        (("run-mission", "a.nc", "--platform=", "--store", "s"), "--platform: is empty; give a value"),
+        (
+            ("currents", "a.nc", "out.csv"),
+            "out.csv: is written as netCDF, which .csv is not; give a name that ends in .nc",
+        ),
+        (("report", "", "--out", "x"), "the argument after report: is empty; give a value"),
         (("analyze", "a.zarr", "hul"), "events, hull, drift, all, did you mean 'hull'?"),
     ],
 )

@@ -81,6 +81,12 @@ def test_the_traceback_of_an_unexpected_error_is_in_the_log_file(failing, tmp_pa
             "no space left to write a.nc; free some space and run it",
         ),
         (MemoryError(), 1, "not enough memory; use fewer --workers"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), 1, "not enough memory; use fewer --workers"),
+        (
+            ImportError("libhdf5.so: failed to map segment from shared object"),
+            1,
+            "not enough memory; use fewer --workers",
+        ),
         (OSError("of no file"), 1, "unexpected error, OSError: of no file"),
         (RecursionError("too deep"), 1, "unexpected error, RecursionError: too deep"),
     ],
@@ -90,6 +96,16 @@ def test_known_errors_of_the_system(failing, error, status, line):
     answer = failing(error)
     assert answer.status == status
     assert answer.line.startswith(f"gliderhpc: {line}")
+
+
+def test_a_shortage_of_memory_during_an_import_has_its_own_remedy(monkeypatch):
+    def fail():
+        raise MemoryError
+
+    monkeypatch.setattr(Verbs, "get_command", lambda self, ctx, name: click.Command("import", callback=fail))
+    answer = program("import")
+    assert answer.status == 1
+    assert answer.line.startswith("gliderhpc: not enough memory; give fewer files at a time, or a machine with more")
 
 
 def test_an_error_of_a_file_with_controls_in_its_name(failing):

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from gliderhpc.errors import InputError
 from gliderhpc.platform import ballast_masses, read_platform, shipped_platforms, with_overrides
+from gliderhpc.platform_ranges import check_plausible
 from gliderhpc.platform_sections import CalibrationErrors, Uncertainty
 
 PETREL = (Path(__file__).parents[2] / "gliderhpc" / "platforms" / "petrel-l.yaml").read_text("utf-8")
@@ -46,6 +47,53 @@ def test_optional_keys():
     assert read_platform("petrel-l").viscous.K_L0 == 0.0
     assert read_platform("seawing").viscous.K_L0 == -0.36
     assert read_platform("petrel-l").prior is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("depth_noise: 0.03", "depth_noise: 3", r"sensors\.depth_noise is 3 m, but plausible is .* 0\.0013 to 1\.2 m;"),
+        (
+            "inertia: [0.84, 26.8, 26.7]",
+            "inertia: [0.84, 2680, 2680]",
+            r"inertia\.1 is 2680 kg m2, .* of 88\.09 kg is a",
+        ),
+        ("K_D: 415.0", "K_D: 41500", r"viscous\.K_D is 41500 kg/m/rad2, but plausible"),
+        (
+            "neutral_volume: 700.0",
+            "neutral_volume: 7e5",
+            r"neutral_volume is 700000 cm3, .*; correct it, or convert it to",
+        ),
+        ("battery_eccentricity: 0.0172", "battery_eccentricity: 17.2", r"battery_eccentricity is 17\.2 m"),
+        (
+            "{total: 88.09, hull: 66.92, battery: 20.37}",
+            "{total: 88090, hull: 66920, battery: 20370}",
+            r"is 88090 kg, but",
+        ),
+    ],
+)
+def test_numbers_that_no_glider_has_are_refused(altered, old, new, message):
+    with pytest.raises(InputError, match=rf"hull\.yaml: .*{message}"):
+        read_platform(altered(old, new))
+
+
+@pytest.mark.parametrize("factor", [20.0 / 88.09, 500.0 / 88.09])
+def test_hulls_of_other_sizes_and_with_unusual_numbers_are_plausible(factor):
+    """Of the same shape, or with any coefficient ten times larger or smaller."""
+    length = factor ** (1.0 / 3.0)
+    hull = read_platform("petrel-l")
+    grown = with_overrides(
+        hull,
+        {f"mass.{part}": factor * value for part, value in hull.mass.model_dump().items()}
+        | {"inertia": [length**5 * value for value in hull.inertia]}
+        | {"added_mass": [factor * value for value in hull.added_mass]}
+        | {"added_inertia": [length**5 * value for value in hull.added_inertia]}
+        | {f"viscous.{name}": length**2 * getattr(hull.viscous, name) for name in ("K_D0", "K_D", "K_beta", "K_L")},
+    )
+    check_plausible("made", grown)
+    for name in ("K_D0", "K_L", "K_beta", "K_D", "K_q", "K_r", "K_M", "K_MY"):
+        for other in (0.1, 10.0):
+            check_plausible("made", with_overrides(hull, {f"viscous.{name}": other * getattr(hull.viscous, name)}))
 
 
 def test_prior_is_six_by_six(altered):

@@ -275,6 +275,13 @@ def test_implausible_motion_is_flagged_and_reported_after_a_minute(estimated):
     )
 
 
+def test_a_profile_that_is_one_window_is_reported(estimated):
+    assert not any("shorter than a window" in line for line in remarks(PETREL, estimated))
+    single = replace(estimated.solution, windows=estimated.solution.windows[:1])
+    found = remarks(PETREL, replace(estimated, solution=single))
+    assert any("is shorter than a window and is a single one: give a shorter window.length" in line for line in found)
+
+
 @pytest.mark.parametrize(("share", "marked"), [(0.05, False), (0.5, True)])
 def test_windows_that_mostly_fail_are_reported_with_their_reason(estimated, share, marked):
     windows = list(estimated.solution.windows)
@@ -784,6 +791,11 @@ def test_profiles_are_chosen_by_numbers_and_ranges(text, chosen):
 def test_profiles_that_cannot_be_chosen(text):
     with pytest.raises(InputError, match="`profiles="):
         select_profiles([1, 2, 3, 18], text)
+
+
+def test_a_range_of_profiles_that_runs_backwards_is_named():
+    with pytest.raises(InputError, match="--profiles 1,3:2: the range 3:2 runs backwards; write it as 2:3"):
+        select_profiles([1, 2, 3], "1,3:2")
 
 
 def test_a_dry_run_reports_the_size_and_writes_nothing(brief, brief_store, tmp_path):

@@ -27,7 +27,16 @@ DEFINED = {
         "inches": 127 / 5000,
         "ft": 381 / 1250,
     },
-    "degree": {"deg": 1.0, "degrees_true": 1.0, "degrees_north": 1.0, "rad": 180 / np.pi, "radians": 180 / np.pi},
+    "degree": {
+        "deg": 1.0,
+        "degrees_true": 1.0,
+        "degrees_north": 1.0,
+        "rad": 180 / np.pi,
+        "radians": 180 / np.pi,
+        "gon": 360 / 400,
+    },
+    "degrees_north": {"degrees_north": 1.0, "degreen": 1.0, "rad": 180 / np.pi, "gon": 360 / 400},
+    "degrees_east": {"degrees_east": 1.0, "degreee": 1.0, "rad": 180 / np.pi, "gon": 360 / 400},
     "m s-1": {"m/s": 1.0, "m s-1": 1.0, "cm/s": 1 / 100},
     "dbar": {
         "dbar": 1.0,
@@ -147,3 +156,15 @@ def test_spellings_of_units_in_observations_currents_and_og1(tmp_path, name, uni
             with pytest.raises(InputError, match=f"{name} is in '{re.escape(unit)}'|{name.upper()} is in") as refused:
                 outcome()
             assert "\n" not in str(refused.value)
+
+
+def test_a_latitude_to_the_east_is_refused(tmp_path):
+    records = mission(Glide())
+    records["fix_latitude"].attrs["units"] = "degrees_east"
+    with pytest.raises(InputError, match="fix_latitude is in 'degrees_east', which cannot be converted"):
+        currents(records)
+    path = made.write_og1(tmp_path / "og1.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file["LONGITUDE_GPS"].units = "degrees_north"
+    with pytest.raises(InputError, match="LONGITUDE_GPS is in 'degrees_north', which cannot be converted"):
+        import_og1([path], tmp_path / "out.nc")

@@ -30,6 +30,7 @@ from gliderhpc.tuning.record_checks.compass import (
     Leg,
     compass_findings,
     leg_of,
+    sense_finding,
 )
 from gliderhpc.tuning.record_checks.depth_rate import NEUTRAL_VOLUME, SIDES, steady_depth_rate
 from gliderhpc.tuning.record_checks.finding import judge_size, undetermined_if_insensitive
@@ -119,6 +120,37 @@ def test_two_opposite_legs_determine_the_constant_but_not_the_first_harmonic():
     assert np.mean([findings[0].size for findings in found]) == pytest.approx(9.0, abs=1.5)
     assert alarms([findings[0] for findings in found]) >= 15
     assert all(findings[1].verdict is CheckVerdict.UNDETERMINED for findings in found)
+
+
+def mirrored(found):
+    """The same legs with a heading counted counter-clockwise from north: east and west are exchanged."""
+    east = np.array([1.0, -1.0])
+    return [replace(leg, current=leg.current - leg.by_speed + east * leg.by_speed, by_speed=east * leg.by_speed)
+            for leg in found]  # fmt: skip
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9], ids=["white current", "lasting current"])
+def test_a_heading_of_the_wrong_sense_is_found_and_no_other(memory):
+    right = [legs(seed, (15.0, 5.0, -5.0, 0.0, 0.0), memory=memory) for seed in SEEDS]
+    assert {sense_finding(each, CHECKS).verdict for each in right} == {CheckVerdict.NOTHING}
+    wrong = [sense_finding(mirrored(each), CHECKS) for each in right]
+    assert {finding.verdict for finding in wrong} == {CheckVerdict.FOUND}
+    assert np.mean([finding.size for finding in wrong]) == pytest.approx(1.0, abs=0.1)
+    assert "the heading increases counter-clockwise" in wrong[0].line
+
+
+@pytest.mark.parametrize(
+    ("changes", "stronger", "why"),
+    [
+        ({"count": 5}, 1.0, "at least 6 are needed"),
+        ({"headings": (40.0, 220.0)}, 1.0, "nearly along one line"),
+        ({"count": 8}, 8.0, "would not be found"),
+    ],
+)
+def test_few_or_opposite_legs_and_strong_currents_do_not_determine_the_sense(changes, stronger, why):
+    finding = sense_finding([replace(leg, current=stronger * leg.current) for leg in legs(4, **changes)], CHECKS)
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+    assert why in finding.remark
 
 
 def test_one_heading_does_not_determine_the_deviation():

@@ -281,10 +281,17 @@ def _medians(values: FloatArray, *masks: Mask) -> list[float]:
     return [float(np.median(values[mask])) for mask in masks]
 
 
-# Sign of the depth in an instrument's own files, which declare none: positive down is expected
+# Sign of the depth; an instrument's own files declare none: positive down is expected
 
 MIN_NEGATIVE = 10
 """Minimum number of depths below -`MIN_DEPTH` that prove a reversed sign; fewer may be junk."""
+
+
+def sense_fault(positive: str) -> tuple[str, str]:
+    """Fault of a depth whose sign contradicts its attribute `positive`, and the remedy."""
+    if positive.strip().lower() == "up":
+        return "positive under water, but declared positive up", "correct its attribute positive"
+    return "negative under water", "make it positive down, or set its attribute positive to 'up'"
 
 
 def refuse_negative_depth(depth: FloatArray, source: str, name: str) -> None:

@@ -15,6 +15,7 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.observations.files.foreign import HELPFUL_ORDER, OWN_FILES, describe_found, importer_of
 from gliderhpc.observations.format import VARIABLES, Variable
+from gliderhpc.observations.importing.position_form import may_be_minutes
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, check_resolution, check_time_unit, texts_in
 from gliderhpc.wording import counted
@@ -164,12 +165,13 @@ def check_fixes(
             f"fix_time is not between {FIRST_YEAR} and {LAST_YEAR} at fix {np.flatnonzero(implausible)[0]}: such fixes "
             f"({np.count_nonzero(implausible)}) are left out"
         )
+    form = "; convert them from DDMM.mmm to decimal degrees" if may_be_minutes(latitude, longitude) else ""
     for name, values in (("fix_latitude", latitude), ("fix_longitude", longitude)):
         bad = np.flatnonzero(outside_range(VARIABLES[name], values))
         if len(bad):
             warnings.append(
                 f"{name} is {values[bad[0]]:g} degree at fix {bad[0]}, outside {describe_range(VARIABLES[name])}: "
-                f"such fixes ({len(bad)}) are left out"
+                f"such fixes ({len(bad)}) are left out{form}"
             )
             usable[bad] = False
     return usable, warnings

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import decode_texts, decode_times
+from gliderhpc.wording import counted
 
 DEFAULT_UNITS = "seconds since 1970-01-01"
 """Unit of times in a file that gives none."""
@@ -21,6 +22,15 @@ def _scales(*groups: tuple[float, str]) -> dict[str, float]:
     return {spelling: factor for factor, spellings in groups for spelling in spellings.split(", ")}
 
 
+_ANGLES = _scales(
+    (1.0, "deg, degree, degrees, arc_degree, arc_degrees, °"),
+    (float(np.degrees(1.0)), "rad, radian, radians"),
+    (0.9, "gon, gons, grad, grads, grade, grades, gradian, gradians"),
+)
+_NORTHWARD = _scales((1.0, "degrees_north, degree_north, degree_n, degrees_n, degreen, degreesn"))
+_EASTWARD = _scales((1.0, "degrees_east, degree_east, degree_e, degrees_e, degreee, degreese"))
+_TRUE = _scales((1.0, "degrees_true, degree_true, degrees true, deg true, degt, degree_t, degrees_t"))
+
 FACTORS: Mapping[str, Mapping[str, float]] = {
     "m": _scales(
         (1.0, "m, meter, meters, metre, metres"),
@@ -29,15 +39,9 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
         (0.0254, "in, inch, inches"),
         (0.3048, "ft, foot, feet"),
     ),
-    "degree": _scales(
-        (
-            1.0,
-            "deg, degree, degrees, degrees_north, degree_north, degrees_east, degree_east, degree_n, degrees_n, "
-            "degreen, degreesn, degree_e, degrees_e, degreee, degreese, arc_degree, arc_degrees, °, degrees_true, "
-            "degree_true, degrees true, deg true, degt, degree_t, degrees_t",
-        ),
-        (float(np.degrees(1.0)), "rad, radian, radians"),
-    ),
+    "degree": _ANGLES | _NORTHWARD | _EASTWARD | _TRUE,
+    "degrees_north": _ANGLES | _NORTHWARD,
+    "degrees_east": _ANGLES | _EASTWARD,
     "m s-1": _scales(
         (1.0, "m s-1, m/s, m.s-1, m s^-1, m*s-1, meter second-1, metre second-1, meters per second"),
         (0.01, "cm/s, cm s-1"),
@@ -67,6 +71,23 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
 NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
 USUAL_FILLS = (*NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
 """Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
+
+
+def usual_fills(values: FloatArray) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the values that equal a usual fill value."""
+    return np.isin(values, USUAL_FILLS)
+
+
+def describe_fills(
+    name: str, values: FloatArray, lost: npt.NDArray[np.bool_], why: str = "has a usual fill value"
+) -> str:
+    """Sentence that counts the undeclared fill values of a variable, given by a mask ``(n,)``, with the remedy."""
+    first, count = int(np.flatnonzero(lost)[0]), counted(int(np.count_nonzero(lost)), "sample")
+    return (
+        f"{name} {why} in {count}, the first {values[first]:g} at sample {first}; these are treated as missing: "
+        "declare its fill value"
+    )
+
 
 _FROM_NORTH, _DOWNWARD = r"clockwise from (?:true |geographic )?north", r"positive down(?:wards?)?"
 
@@ -125,7 +146,21 @@ class NamedColumns(ABC):
 
     @abstractmethod
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` without conversion, NaN where missing; `InputError` if they are not numbers."""
+        """Values ``(n,)`` without conversion, NaN where missing or outside the limits that the file declares.
+
+        Raises
+        ------
+        InputError
+            They are not numbers.
+        """
+
+    @abstractmethod
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Limits that the file declares for the values of a variable; None if there are none that can be used."""
+
+    @abstractmethod
+    def unlimited(self, name: str) -> FloatArray:
+        """Values ``(n,)`` as `numbers`, including those outside the declared limits."""
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:
         """Texts ``(n,)`` in a variable; None if it contains numbers."""

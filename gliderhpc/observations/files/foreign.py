@@ -19,10 +19,13 @@ from gliderhpc.observations.files.columns import DEFAULT_UNITS, NamedColumns, fi
 from gliderhpc.observations.files.file_content import describe_content, describe_failure, describe_missing
 from gliderhpc.observations.files.packed import PACKING, packing_number, plain_value
 from gliderhpc.observations.files.quality_flags import Rejected, find_rejected, numeric_flags
+from gliderhpc.observations.files.valid_limits import LIMITS, limits_of, outside
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import check_resolution
 
 log = logging.getLogger(__name__)
+
+_FILLS = ("_FillValue", "missing_value")
 
 _COMPRESSED = (".gz", ".bz2", ".xz", ".zip")
 
@@ -218,6 +221,8 @@ class ForeignFile(NamedColumns):
     def numbers(self, name: str) -> FloatArray:
         """Values ``(n,)`` without conversion, NaN where missing or infinite, without dimensions of length 1.
 
+        Values outside the limits that the file declares are missing too.
+
         Raises
         ------
         InputError
@@ -226,7 +231,34 @@ class ForeignFile(NamedColumns):
         """
         if name not in self:
             raise InputError(f"{self.path}: has no variable {name}")
-        values = np.ma.asarray(self._read(name))
+        values = self.unlimited(name)
+        return np.where(outside(values, self.limits(name)), np.nan, values)
+
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Limits that the file declares for the values of a variable; None if there are none that can be used."""
+        variable = self._file.variables[name]
+        declared = {each: variable.getncattr(each) for each in LIMITS if each in variable.ncattrs()}
+        if not declared or variable.dtype is str or variable.dtype.kind not in "fiu":
+            return None
+        return limits_of(declared, self._packing(name), variable.dtype)
+
+    def unlimited(self, name: str) -> FloatArray:
+        """Values ``(n,)`` as `numbers`, including those outside the declared limits."""
+        variable = self._file.variables[name]
+        if set(LIMITS).isdisjoint(variable.ncattrs()):
+            return self._as_numbers(name, self._read(name))
+        # The library masks fill values and limits together, and takes all limits as packed.
+        variable.set_auto_mask(False)
+        try:
+            values = self._as_numbers(name, self._read(name))
+            variable.set_auto_scale(False)
+            stored = np.asarray(self._read(name)).ravel()
+        finally:
+            variable.set_auto_maskandscale(True)
+        return np.where(np.isin(stored, _fill_values(variable)), np.nan, values)
+
+    def _as_numbers(self, name: str, read: Any) -> FloatArray:
+        values = np.ma.asarray(read)
         if values.dtype.kind not in "fiu":
             raise InputError(f"{self.path}: {name} does not contain numbers")
         if max(values.shape, default=1) != values.size:
@@ -285,18 +317,6 @@ class ForeignFile(NamedColumns):
         joined = {name: mask | self._rejected.masks.get(name, False) for name, mask in masks.items()}
         self._rejected = replace(self._rejected, masks=self._rejected.masks | joined)
 
-    def unlimited(self, name: str) -> FloatArray:
-        """Finite values of a variable as stored, including those outside the limits that the file declares."""
-        variable = self._file.variables[name]
-        variable.set_auto_mask(False)
-        try:
-            values = np.asarray(self._read(name), dtype=np.float64).ravel()
-        finally:
-            variable.set_auto_mask(True)
-        fill = float(getattr(variable, "_FillValue", np.nan))
-        found: FloatArray = values[np.isfinite(values) & (values != fill)]
-        return found
-
     def number(self, name: str) -> float:
         """Value of a scalar, NaN if the file does not have it."""
         values = self.numbers(name) if name in self else np.zeros(0)
@@ -345,14 +365,29 @@ class ForeignFile(NamedColumns):
     def _packing_in_text(self, name: str) -> tuple[float, float] | None:
         """Scale factor and offset of a variable if at least one is written as text; the library uses numbers only."""
         variable = self._file.variables[name]
-        given = {each: variable.getncattr(each) for each in PACKING if each in variable.ncattrs()}
-        if not any(isinstance(plain_value(value), str | np.ndarray) for value in given.values()):
+        given = [variable.getncattr(each) for each in PACKING if each in variable.ncattrs()]
+        if not any(isinstance(plain_value(value), str | np.ndarray) for value in given):
             return None
-        known = {each: packing_number(value, f"{self.path}: {name}", each) for each, value in given.items()}
+        known = self._packing(name)
         return known.get("scale_factor", 1.0), known.get("add_offset", 0.0)
+
+    def _packing(self, name: str) -> dict[str, float]:
+        """Scale factor and offset of a variable, as far as it has them."""
+        variable = self._file.variables[name]
+        given = {each: variable.getncattr(each) for each in PACKING if each in variable.ncattrs()}
+        return {each: packing_number(value, f"{self.path}: {name}", each) for each, value in given.items()}
 
     def _unreadable(self, error: Exception) -> InputError:
         content = describe_failure(self.path, error)
         if content:
             return InputError(f"{self.path}: {content}")
         return InputError(f"{self.path}: cannot be read as netCDF ({error})")
+
+
+def _fill_values(variable: "netCDF4.Variable[Any]") -> npt.NDArray[np.generic]:
+    """Values of a variable, as stored, that mean missing: declared ones, or the library's own by default."""
+    declared = [np.ravel(variable.getncattr(each)) for each in _FILLS if each in variable.ncattrs()]
+    known = [values for values in declared if values.dtype.kind in "fiu"]
+    if "_FillValue" not in variable.ncattrs() and variable.dtype.itemsize > 1:
+        known.append(np.ravel(netCDF4.default_fillvals[variable.dtype.str[1:]]))
+    return np.concatenate(known) if known else np.zeros(0)

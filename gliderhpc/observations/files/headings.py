@@ -127,7 +127,56 @@ _TENTHS = ((0.0, 3600.0), (-1800.0, 1800.0))
 """Ranges of headings in tenths of a degree; an unwrapped one within them looks the same."""
 
 
-def remove_turns(heading: FloatArray) -> tuple[FloatArray, str]:
+_GON, _DEGREES = (-0.5, 400.5), 361.0
+"""Range of headings in gon (400 to a turn), and extent that no headings in degrees have, unless they are unwrapped."""
+
+_LARGEST, _OVERFLOWN = 327.68, (-327.68, -295.36)
+"""Limit (degree) of hundredths of a degree in two bytes, and range of those that have overflowed."""
+
+_MARGIN = 0.1
+"""Deviation (degree) from these limits by rounding."""
+
+
+def check_circle(heading: FloatArray, where: str) -> None:
+    """Refuse headings in gon, and those whose two bytes have overflowed, although they are declared as degrees.
+
+    As degrees, less whole turns, they would be plausible.
+
+    Parameters
+    ----------
+    heading : (n,) array
+        Headings (degree) in the order of time, NaN where missing.
+    where : str
+        Names of the file and the variable in the error.
+
+    Raises
+    ------
+    InputError
+        The headings are such.
+    """
+    known = heading[np.isfinite(heading)]
+    beyond, below = known[known > _DEGREES], known[known < 0.0]
+    # An unwrapped heading extends over more than a turn too, but passes north without a step.
+    in_gon = np.ptp(known) > _DEGREES and not outside(known, _GON).any() if len(known) else False
+    if len(np.unique(beyond)) >= MIN_DISTINCT and in_gon and not _is_continuous(known):
+        raise InputError(
+            f"{where} covers {known.min():.4g} to {known.max():.4g}, {len(beyond)} of {counted(len(known), 'sample')} "
+            "above 361: it is in gon, not in degree; set its units to 'gon', or convert it (1 gon = 0.9 degree)"
+        )
+    overflown = not outside(below, _with_margin(_OVERFLOWN)).any()
+    if len(np.unique(below)) >= MIN_DISTINCT and overflown and known.max() <= _LARGEST + _MARGIN:
+        raise InputError(
+            f"{where} is between {below.min():.5g} and {below.max():.5g} degree in {len(below)} of "
+            f"{counted(len(known), 'sample')}, and nowhere above {known.max():.5g}: hundredths of a degree have "
+            f"overflowed two bytes; add {2.0 * _LARGEST:g} to the negative values"
+        )
+
+
+def _with_margin(limits: tuple[float, float]) -> tuple[float, float]:
+    return limits[0] - _MARGIN, limits[1] + _MARGIN
+
+
+def remove_turns(heading: FloatArray, where: str = "heading") -> tuple[FloatArray, str]:
     """Remove whole turns from headings outside their range, if these are angles.
 
     They are angles up to about one turn around the range. Beyond it, they are angles if the heading is continuous, as
@@ -137,6 +186,8 @@ def remove_turns(heading: FloatArray) -> tuple[FloatArray, str]:
     ----------
     heading : (n,) array
         Headings (degree) in the order of time, NaN where missing.
+    where : str
+        Names of the file and the variable in the error.
 
     Returns
     -------
@@ -144,7 +195,13 @@ def remove_turns(heading: FloatArray) -> tuple[FloatArray, str]:
         The headings, those outside `RANGE` from 0 to 360 if they are angles, else unchanged.
     str
         The change in words, to follow the name of the variable; empty if there is none.
+
+    Raises
+    ------
+    InputError
+        The headings are not degrees (`check_circle`).
     """
+    check_circle(heading, where)
     far = outside(heading, _ONE_TURN_MORE)
     turned = outside(heading) & ~far
     if len(np.unique(heading[far])) >= MIN_DISTINCT:

@@ -158,7 +158,9 @@ def read_fixes(file: ForeignFile, names: Sequence[str], usable: npt.ArrayLike = 
     """
     file.check_lengths(names)
     time = file.times(names[0])
-    latitude, longitude = (file.converted(name, "degree") for name in names[1:])
+    latitude, longitude = (
+        file.converted(name, unit) for name, unit in zip(names[1:], ("degrees_north", "degrees_east"), strict=True)
+    )
     return Fixes(time, latitude, longitude).where(
         ~np.isnat(time) & np.isfinite(latitude) & np.isfinite(longitude) & np.asarray(usable)
     )

@@ -46,6 +46,13 @@ def are_not_minutes(latitude: FloatArray, longitude: FloatArray) -> bool:
     return bool(np.any(np.mod(values, 100.0) >= 60.0) or np.any(finer))
 
 
+def may_be_minutes(latitude: FloatArray, longitude: FloatArray) -> bool:
+    """Return whether positions ``(n,)`` that should be in decimal degrees are off the globe and may be DDMM.mmm."""
+    known = _known(latitude, longitude)
+    minutes = np.mod(np.abs(np.concatenate([latitude[known], longitude[known]])), 100.0)
+    return are_not_decimal(latitude, longitude) and bool((minutes < 60.0).all())
+
+
 def are_not_decimal(latitude: FloatArray, longitude: FloatArray) -> bool:
     """Return whether positions ``(n,)`` that should be in decimal degrees lie off the globe, as DDMM.mmm does."""
     typical = typical_position(latitude, longitude)

@@ -23,7 +23,7 @@ from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.writer import Attribute, write_observations
-from gliderhpc.output_files import check_output
+from gliderhpc.output_files import check_netcdf_name, check_output
 
 Parts = tuple[int, ...] | tuple[str, ...]
 """The vehicle's own pieces of a profile, in time order: cycles, segments or dives."""
@@ -277,6 +277,7 @@ def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], 
         raise InputError(
             f"{out}: is not an output file; the last argument must be the netCDF file to write, for example mission.nc"
         )
+    check_netcdf_name(out)
     check_output(out, overwrite=overwrite, inputs=sources)
 
 

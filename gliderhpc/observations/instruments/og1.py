@@ -39,6 +39,7 @@ from gliderhpc.observations.instruments.og1_variables import (
     check_complete,
     describe_clock,
     describe_fixes,
+    describe_limits,
     find_declination,
     read_controls,
     read_currents,
@@ -255,6 +256,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     check_complete(file)
     rejected = (*reject_flagged(file), *reject_fills(file))
     samples, turned, absent, unusable = _read_samples(file, declination)
+    # A depth of the wrong sign, which the limits may exclude, has been refused.
+    limited = describe_limits(file)
     doubt = _check_heading(file)
     clock = describe_clock(file, samples["time"].astype("datetime64[ns]"))
     order = _order(file, samples)
@@ -294,7 +297,7 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         without_dive=found.without,
         lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in contradicting.items()},
         rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=(*rejected, *clock, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
+        remarks=(*rejected, *limited, *clock, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
     )
 
 

@@ -7,7 +7,7 @@ declared; these are left to the checks of the profiles, which name the variable 
 import numpy as np
 import numpy.typing as npt
 
-from gliderhpc.observations.files.columns import NEGATIVE_FILLS, USUAL_FILLS, Term
+from gliderhpc.observations.files.columns import NEGATIVE_FILLS, USUAL_FILLS, Term, describe_fills, usual_fills
 from gliderhpc.observations.files.foreign import ForeignFile
 from gliderhpc.observations.files.headings import MIN_DISTINCT, RANGE, describe_impossible, remove_turns
 from gliderhpc.observations.format import CONTROLS, VARIABLES
@@ -23,7 +23,6 @@ from gliderhpc.observations.instruments.og1_variables import (
     sense_of_depth,
 )
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.wording import counted
 
 HUGE = 1e30
 """Magnitude at or above which a value is a fill value, such as the netCDF library's 9.96921e36."""
@@ -57,7 +56,7 @@ def reject_fills(file: ForeignFile) -> tuple[str, ...]:
             continue
         values = _in_our_unit(file, what, term, name)
         if what == "heading":
-            values, turns = remove_turns(values)
+            values, turns = remove_turns(values, f"{file.path}: {name}")
             remarks += [f"{file.path.name}: {name} {turns}"] if turns else []
         lost = _fills(file.numbers(name), values, what)
         if lost.any():
@@ -92,7 +91,7 @@ def _fills(stored: FloatArray, values: FloatArray, what: str) -> npt.NDArray[np.
         usual = np.abs(stored) >= HUGE
         outside = (values < low) | (values > high)
     # A depth in centimetres may well be 9999, but in metres it is not.
-    usual |= np.isin(stored, NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | np.isin(values, USUAL_FILLS)
+    usual |= np.isin(stored, NEGATIVE_FILLS if what == "depth" else USUAL_FILLS) | usual_fills(values)
     if what == "heading":
         # An impossible heading would become another angle.
         return np.asarray(usual | outside)
@@ -107,9 +106,5 @@ def _describe(name: str, what: str, term: Term, values: FloatArray, lost: npt.ND
     low, high = _range(what)
     first = int(np.flatnonzero(lost)[0])
     impossible = not low <= values[first] <= high
-    outside = f"is outside {low:g} to {high:g} {term.unit}" if impossible else "has a usual fill value"
-    count = counted(int(np.count_nonzero(lost)), "sample")
-    return (
-        f"{name} {outside} in {count}, the first {values[first]:g} at sample {first}; these "
-        "are treated as missing: declare its fill value"
-    )
+    outside = f"is outside {low:g} to {high:g} {term.unit}"
+    return describe_fills(name, values, lost, outside) if impossible else describe_fills(name, values, lost)

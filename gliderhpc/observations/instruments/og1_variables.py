@@ -13,11 +13,13 @@ import numpy.typing as npt
 
 from gliderhpc.angles import wrap
 from gliderhpc.errors import InputError
+from gliderhpc.observations.checks.sign_checks import sense_fault
 from gliderhpc.observations.checks.validation import Span
 from gliderhpc.observations.files.columns import FACTORS, Term, UnitError, bare_unit
 from gliderhpc.observations.files.foreign import IN_THE_FORMAT, OWN_FILES, ForeignFile, importer_of, is_in_the_format
 from gliderhpc.observations.files.headings import North, file_declination, north_of
 from gliderhpc.observations.files.quality_flags import find_rejected
+from gliderhpc.observations.files.valid_limits import check_limits
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.importing.dive_files import read_fixes, reference_speeds
 from gliderhpc.observations.importing.rows import Columns
@@ -57,8 +59,8 @@ SEAWATER = {
     "pressure": Term(("PRES",), "dbar", ("sea_water_pressure",)),
 }
 FIX_TIME = Term(("TIME_GPS", "TIME"), "s")
-FIX_LATITUDE = Term(("LATITUDE_GPS",), "degree")
-FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degree")
+FIX_LATITUDE = Term(("LATITUDE_GPS",), "degrees_north")
+FIX_LONGITUDE = Term(("LONGITUDE_GPS",), "degrees_east")
 DIVE = Term(("DIVE_NUMBER", "divenum", "SEGMENT_NUMBER"), "1")
 TRACK_NORTH = Term(("NORTH_DISPLACEMENT",), "m")
 TRACK_EAST = Term(("EAST_DISPLACEMENT",), "m")
@@ -151,13 +153,9 @@ def read_depth(file: ForeignFile) -> FloatArray:
     depth = sense * file.converted(name, DEPTH.unit)
     # The file's own limits, such as valid_min = 0, may hide the negative values.
     factor = FACTORS[DEPTH.unit].get(bare_unit(file.attribute("units", name)).lower(), 1.0)
-    lowest = factor * float(np.min(sense * file.unlimited(name), initial=0.0))
+    lowest = factor * float(np.fmin.reduce(sense * file.unlimited(name), initial=0.0))
     if lowest < -MIN_DEPTH and not np.any(depth > MIN_DEPTH):
-        found, remedy = (
-            ("negative under water", "make it positive down, or set its attribute positive to 'up'")
-            if sense > 0.0
-            else ("positive under water, but declared positive up", "correct its attribute positive")
-        )
+        found, remedy = sense_fault(file.attribute("positive", name))
         raise InputError(f"{file.path}: {name} is {found} ({sense * lowest:.4g} m); {remedy}")
     return depth
 
@@ -194,6 +192,20 @@ def reject_flagged(file: ForeignFile) -> tuple[str, ...]:
     others = [term.find(file) for term in (BALLAST, *BATTERY.values(), RUDDER, FIX_TIME, FIX_LATITUDE, FIX_LONGITUDE)]
     remark = file.reject_flagged([name for name in (*needed, *others) if name is not None], set(filter(None, needed)))
     return (f"{file.path.name}: {remark}",) if remark else ()
+
+
+def describe_limits(file: ForeignFile) -> tuple[str, ...]:
+    """Remarks on values outside the limits that the file declares, which are missing.
+
+    Raises
+    ------
+    InputError
+        Most values of time, depth or attitude are outside.
+    """
+    needed = {name for term in (TIME, DEPTH, *ATTITUDE.values()) if (name := term.find(file)) is not None}
+    others = (BALLAST, *BATTERY.values(), RUDDER, *SEAWATER.values(), FIX_TIME, FIX_LATITUDE, FIX_LONGITUDE)
+    names = (*sorted(needed), *(name for term in others if (name := term.find(file)) is not None))
+    return tuple(f"{file.path.name}: {remark}" for remark in check_limits(file, names, needed))
 
 
 def read_seawater(file: ForeignFile) -> tuple[Columns, tuple[str, ...]]:

@@ -22,6 +22,7 @@ from gliderhpc.observations.checks.validation import clock_set_back
 from gliderhpc.observations.files.columns import UnitError
 from gliderhpc.observations.files.foreign import ForeignFile
 from gliderhpc.observations.files.headings import RANGE, describe_impossible, outside, remove_turns
+from gliderhpc.observations.files.valid_limits import check_limits
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.importing.dive_files import check_samples, read_fixes
 from gliderhpc.observations.importing.excursions import in_excursion
@@ -245,6 +246,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     keep = increasing(time)
     samples = {name: values[keep] for name, values in samples.items()}
     samples |= _ctd(file, samples["time"].astype("datetime64[ns]"), remarks)
+    remarks += check_limits(file, (depth_name, "eng_rollAng", "eng_pitchAng", "eng_head"))
     depth = samples["depth"].astype(np.float64)
     refuse_negative_depth(depth, str(file.path), depth_name)
     start, stop = _submerged(file, depth)
@@ -259,7 +261,9 @@ def _magnetic_heading(file: ForeignFile, remarks: list[str]) -> FloatArray:
     InputError
         Most headings are impossible and differ from each other.
     """
-    heading, _ = remove_turns(file.converted("eng_head", "degree"))
+    heading, turns = remove_turns(file.converted("eng_head", "degree"), f"{file.path}: eng_head")
+    if turns:
+        remarks.append("eng_head is beyond -180 to 360 degree; whole turns are removed")
     lost = outside(heading)
     if not lost.any():
         return heading

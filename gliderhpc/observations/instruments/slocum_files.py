@@ -23,6 +23,7 @@ from gliderhpc.observations.files.file_content import describe_failure
 from gliderhpc.observations.files.foreign import name_compressed, refuse_compressed
 from gliderhpc.observations.files.headings import RANGE
 from gliderhpc.observations.files.packed import open_dataset
+from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.importing.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.importing.rows import Rows, join_rows
@@ -331,7 +332,11 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
             raise
         log.warning("%s; it is left out", error)
         return np.full(array.shape, np.nan)
-    values = np.asarray(array.values, dtype=np.float64)
+    values, limits = np.asarray(array.values, dtype=np.float64), declared_limits(array.variable)
+    limited = describe_outside(sensor.name, values, limits)
+    if limited:
+        log.warning("%s: %s", path, limited)
+    values = np.where(outside(values, limits), np.nan, values)
     return convert(np.where(np.isfinite(values) & ~np.isin(values, NEGATIVE_FILLS), values, np.nan))
 
 

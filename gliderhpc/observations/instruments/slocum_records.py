@@ -218,7 +218,7 @@ def _in_order(parts: list[Rows], sensors: Sequence[Sensor], dropped: Counter[str
     for sensor in sensors:
         values = rows[sensor.name]
         if sensor.name == "m_heading":
-            values[:], turns = remove_turns(values)
+            values[:], turns = remove_turns(values, f"{source}: m_heading")
             if turns:
                 log.warning("%s: m_heading %s", source, turns)
         if sensor.name == "m_depth":

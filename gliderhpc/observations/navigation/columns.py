@@ -9,8 +9,16 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.checks.sign_checks import sense_fault
 from gliderhpc.observations.checks.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
-from gliderhpc.observations.files.columns import DEFAULT_UNITS, NamedColumns, UnitError, find_name
+from gliderhpc.observations.files.columns import (
+    DEFAULT_UNITS,
+    NamedColumns,
+    UnitError,
+    describe_fills,
+    find_name,
+    usual_fills,
+)
 from gliderhpc.observations.files.headings import (
     RANGE,
     VEHICLE_COLUMNS,
@@ -23,6 +31,8 @@ from gliderhpc.observations.files.headings import (
 )
 from gliderhpc.observations.files.packed import PACKING
 from gliderhpc.observations.files.quality_flags import Rejected, find_rejected, numeric_flags
+from gliderhpc.observations.files.valid_limits import check_limits, declared_limits
+from gliderhpc.observations.files.valid_limits import outside as outside_limits
 from gliderhpc.observations.fixes import SurfaceFixes
 from gliderhpc.observations.format import MAX_VELOCITY, VARIABLES, VELOCITY
 from gliderhpc.observations.navigation.checks import check_depth_unit
@@ -70,7 +80,17 @@ class NavigationColumns(NamedColumns):
         return str(owner.attrs.get(name, ""))
 
     def numbers(self, name: str) -> FloatArray:
-        """Values ``(n,)`` without conversion, NaN where missing."""
+        """Values ``(n,)`` without conversion, NaN where missing or outside the limits that the file declares."""
+        values = self.unlimited(name)
+        return np.where(outside_limits(values, self.limits(name)), np.nan, values)
+
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Limits that the file declares for the values of a variable; None if there are none that can be used."""
+        variable = self._dataset[name].variable
+        return declared_limits(variable) if variable.dtype.kind in "fiu" else None
+
+    def unlimited(self, name: str) -> FloatArray:
+        """Values ``(n,)`` as `numbers`, including those outside the declared limits."""
         array = self._dataset[name]
         if array.dtype.kind not in "fiu":
             raise InputError(f"{self.source}: {name} does not contain numbers")
@@ -98,17 +118,20 @@ class NavigationColumns(NamedColumns):
         return numeric_flags(self._values(name))
 
     def reject_flagged(self) -> list[str]:
-        """Treat values that are flagged bad or missing as missing from now on; return a remark that counts them.
+        """Treat values that are flagged bad or missing as missing from now on; return remarks that count them.
+
+        Values outside the limits that the file declares are missing in any case, and are counted too.
 
         Raises
         ------
         InputError
-            Every value of time, depth, pitch or heading is flagged.
+            Every value of time, depth, pitch or heading is flagged, or most of them are outside the limits.
         """
         found = {quantity: self.find(quantity) for quantity in CURRENT_TERMS if quantity != "profile"}
         needed = {found[quantity] for quantity in ("time", "depth", "pitch", "heading")}
         self._rejected = find_rejected(self, filter(None, found.values()), needed)
-        return [self._rejected.remark] if self._rejected.remark else []
+        limited = check_limits(self, filter(None, found.values()), needed)
+        return [self._rejected.remark, *limited] if self._rejected.remark else limited
 
     def times(self, name: str) -> TimeArray:
         """Times ``(n,)``, decoded with the declared CF unit where necessary; NaT where missing."""
@@ -148,7 +171,9 @@ class NavigationColumns(NamedColumns):
         """Values of a quantity, multiplied by a sign; NaN where missing or impossible."""
         values = self.converted(self.find(quantity), CURRENT_TERMS[quantity].unit) * sign
         if quantity == "heading":
-            values, _ = remove_turns(values)
+            values, _ = remove_turns(values, f"{self.source}: {self.find(quantity)}")
+        if quantity == "depth":
+            values = np.where(usual_fills(values), np.nan, values)
         low, high = _LIMITS[quantity]
         with np.errstate(invalid="ignore"):
             return np.where((values >= low) & (values <= high), values, np.nan)
@@ -221,7 +246,9 @@ class NavigationColumns(NamedColumns):
         return [f"no units are declared for {', '.join(taken)}"] if taken else []
 
     def out_of_range(self) -> list[str]:
-        """Remarks on whole turns in the heading, and on impossible values of pitch and heading, treated as missing.
+        """Remarks on whole turns in the heading, fill values of depth, and impossible values of pitch and heading.
+
+        All but the whole turns are treated as missing.
 
         Raises
         ------
@@ -229,11 +256,14 @@ class NavigationColumns(NamedColumns):
             Most of the values are impossible, and they are not fill values.
         """
         remarks = []
+        if self.find("depth"):
+            depth = self.converted(self.find("depth"), "m")
+            remarks += [describe_fills(self.find("depth"), depth, fills)] if (fills := usual_fills(depth)).any() else []
         for quantity in ("pitch", "heading"):
             name, unit = self.find(quantity), CURRENT_TERMS[quantity].unit
             values, limits = self.converted(name, unit), _LIMITS[quantity]
             if quantity == "heading":
-                values, turns = remove_turns(values)
+                values, turns = remove_turns(values, f"{self.source}: {name}")
                 remarks += [f"{name} {turns}"] if turns else []
             lost = outside(values, limits)
             if lost.any():
@@ -285,10 +315,8 @@ class NavigationColumns(NamedColumns):
         unit = CURRENT_TERMS[quantity].unit
         typical, high = float(np.median(lost)), _LIMITS[quantity][1]
         if abs(typical) <= high:
-            raise InputError(
-                f"{self.source}: {name} is negative under water; make it positive down, or set the "
-                "attribute positive = 'up'"
-            )
+            found, remedy = sense_fault(self.attribute("positive", name))
+            raise InputError(f"{self.source}: {name} is {found}; {remedy}")
         raise InputError(
             f"{self.source}: {name} is typically {typical:.3g} {unit}, but the ocean is at most {high:g} {unit} deep; "
             "convert it, or set its units to those that it is in (such as 'cm' or 'Pa')"

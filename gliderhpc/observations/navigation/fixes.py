@@ -64,7 +64,8 @@ def find_positions(columns: NavigationColumns) -> SurfacePositions:
     time, latitude, longitude = columns.times(columns.find("time")), *_pair(columns, "")
     known = np.isfinite(latitude + longitude) if len(latitude) == len(longitude) == len(time) else np.zeros(0, bool)
     if not known.any():
-        return SurfacePositions(SurfaceFixes.none(), RECEIVER_ERROR, [*remarks, "no sample has a position"])
+        remarks += ["no sample has a position", *_out_of_range(columns, "")]
+        return SurfacePositions(SurfaceFixes.none(), RECEIVER_ERROR, remarks)
     surface, depth, offset = _surface(columns, time, latitude[known], longitude[known])
     with np.errstate(invalid="ignore"):
         surfaced = known & (depth < surface)
@@ -91,7 +92,7 @@ def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePosit
     time = columns.times(name)
     if not len(time) == len(latitude) == len(longitude):
         return None
-    remarks += _out_of_range(columns)
+    remarks += _out_of_range(columns, "fix_")
     known = np.isfinite(latitude + longitude)
     if not known.any():
         return None
@@ -107,9 +108,9 @@ def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePosit
     return _with_rounding(SurfacePositions(screen_fixes(time, latitude, longitude, known & ~submerged), error, remarks))
 
 
-def _out_of_range(columns: NavigationColumns) -> list[str]:
-    """Remarks on the positions of the GPS variables that are not on the globe."""
-    names = {f"fix_{axis}": columns.find(f"fix_{axis}") for axis in ("latitude", "longitude")}
+def _out_of_range(columns: NavigationColumns, kind: str) -> list[str]:
+    """Remarks on the positions of the GPS variables (`fix_`), or of the samples, that are not on the globe."""
+    names = {f"fix_{axis}": columns.find(f"{kind}{axis}") for axis in ("latitude", "longitude")}
     latitude, longitude = (columns.converted(name, "degree") for name in names.values())
     _, texts = check_fixes(latitude, longitude, np.zeros(len(latitude), dtype=bool))
     return [

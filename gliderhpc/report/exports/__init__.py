@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.output_files import check_output
+from gliderhpc.output_files import check_netcdf_name, check_output
 from gliderhpc.store_schema import STATUS
 from gliderhpc.store_schema.place import Place
 from gliderhpc.wording import counted
@@ -20,6 +20,7 @@ def check_place(archive: Place, out: Path, overwrite: bool) -> None:
     """
     if out.is_dir():
         raise InputError(f"{out}: is a folder; the last argument is the netCDF file to write, for example results.nc")
+    check_netcdf_name(out)
     check_output(out, overwrite=overwrite, inputs=(archive,))
 
 

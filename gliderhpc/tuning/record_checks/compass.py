@@ -19,6 +19,7 @@ from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
+    CheckVerdict,
     Finding,
     judge_size,
     undetermined,
@@ -78,6 +79,12 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
 
 CHECK, UNIT = "compass", "degree"
 CONSTANT, DEVIATION = "constant error of the compass", "deviation of the compass with the heading"
+
+SENSE = "mirrored part of the motion"
+_CLOCKWISE = (
+    "the heading increases counter-clockwise: give it clockwise from true north (360 less it, or 90 less it if it is "
+    "counted from east)"
+)
 
 MIN_LEGS = 6
 _SPEED_ERROR = 0.3
@@ -171,6 +178,59 @@ def compass_findings(
         return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
     made = records or RecordSettings()
     return [_constant(fits, len(legs), checks, made), _deviation(fits, len(legs), turns, checks, made)]
+
+
+_LEAST_MIRRORED, _PLAUSIBLE_MIRRORED = 0.5, 0.8
+"""Mirrored part that is reported, and threshold beyond which one that is not found is not ruled out."""
+
+_MAX_ALIGNMENT = 0.7
+"""Alignment of the legs with one line, from 0 to 1, beyond which a mirrored heading is like a turned one."""
+
+
+def sense_finding(legs: Sequence[Leg], checks: CheckSettings) -> Finding:
+    """Estimate how much of the displacement through the water is mirrored, as with a heading of the wrong sense.
+
+    Parameters
+    ----------
+    legs : sequence of Leg
+        Profiles with a current.
+    checks : CheckSettings
+        Settings of the checks, with the level of significance.
+
+    Notes
+    -----
+    With north as the real and east as the imaginary axis, the velocities over ground are fitted as ``c + a v + b v*``,
+    with the current c, the velocity v through the water and its mirror image v*. A heading clockwise from north has
+    ``b = 0``, also with errors of the speed and a constant error of the compass. One that is counted
+    counter-clockwise, from whatever direction, has ``a = 0`` and b of magnitude one.
+    """
+    if len(legs) < MIN_LEGS:
+        return undetermined(CHECK, SENSE, "1", f"{counted(len(legs), 'leg')}, but at least {MIN_LEGS} are needed")
+    water, current = (np.array([each[0] + 1j * each[1] for each in values]) for values in _velocities(legs))
+    alignment = float(np.abs(np.mean((water / np.abs(water)) ** 2)))
+    if alignment > _MAX_ALIGNMENT:
+        why = f"{counted(len(legs), 'leg')} that are nearly along one line"
+        return undetermined(CHECK, SENSE, "1", why)
+    design = np.column_stack([np.ones(len(legs)), water, water.conj()])
+    values = np.linalg.lstsq(design, current + water, rcond=None)[0]
+    left, freedom = current + water - design @ values, 2 * (len(legs) - 3)
+    variance = float(np.sum(np.abs(left) ** 2)) / freedom
+    error = float(np.sqrt(variance * np.linalg.inv(design.conj().T @ design)[2, 2].real))
+    threshold = max(float(np.sqrt(2.0 * f_quantile(1.0 - checks.level, 2, freedom))) * error, _LEAST_MIRRORED)
+    turned, mirrored = (float(np.abs(value)) for value in values[1:])
+    verdict = CheckVerdict.FOUND if mirrored > max(threshold, turned) else CheckVerdict.NOTHING
+    if verdict is CheckVerdict.NOTHING and turned < max(_LEAST_MIRRORED, mirrored):
+        why = f"{counted(len(legs), 'leg')}, whose displacements over ground hardly follow those through the water"
+        return undetermined(CHECK, SENSE, "1", why)
+    finding = Finding(CHECK, SENSE, "1", mirrored, error, threshold, verdict, _CLOCKWISE, counted(len(legs), "leg"))
+    return undetermined_if_insensitive(
+        finding, _PLAUSIBLE_MIRRORED, f"{counted(len(legs), 'leg')}, but more are needed"
+    )
+
+
+def _velocities(legs: Sequence[Leg]) -> tuple[list[Array], list[Array]]:
+    """Velocities through the water, and currents, of the legs."""
+    return [-leg.by_speed for leg in legs], [leg.current for leg in legs]
 
 
 def _largest_threshold(checks: CheckSettings) -> float:

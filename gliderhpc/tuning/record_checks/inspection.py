@@ -21,7 +21,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
 from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of
+from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of, sense_finding
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
     Finding,
@@ -282,5 +282,6 @@ def inspect_profiles(
         lag_finding(platform, list(gathered.series.values()), settings, checks),
         *pitch_findings(platform, segments, checks, settings.records),
         *compass_findings(gathered.legs, turns, checks, settings.records),
+        sense_finding(gathered.legs, checks),
     ]
     return Inspection(tuple(findings), tuple(gathered.numbers), left_out)

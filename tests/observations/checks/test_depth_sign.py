@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from support.glides import Glide, mission
 from support.missions import program
+from support.observation_files import edited
 from support.seaexplorer_files import NAVIGATION, edit, write_mission
 from support.seaglider_files import depths, write_dive
 from support.slocum_files import flight, write_netcdf
 
+from gliderhpc.api.currents import currents
 from gliderhpc.errors import InputError
+from gliderhpc.observations import open_observations
 from gliderhpc.observations.checks.sign_checks import refuse_negative_depth
 
 DEPTH = NAVIGATION.split(";").index("Depth")
@@ -64,3 +68,14 @@ def test_only_a_reversed_sign_is_refused(depth, refused):
         return
     with pytest.raises(InputError, match=r"^file: depth is negative under water \(-50 m"):
         refuse_negative_depth(depth, "file", "depth")
+
+
+def test_a_positive_depth_that_is_declared_positive_up_is_refused(tmp_path):
+    path = edited(tmp_path, lambda dataset: dataset["depth"].attrs.update(positive="up"))
+    fault = "depth is positive under water, but declared positive up; correct its attribute positive"
+    with pytest.raises(InputError, match=fault):
+        open_observations(path)
+    records = mission(Glide())
+    records["depth"].attrs["positive"] = "up"
+    with pytest.raises(InputError, match=fault):
+        currents(records)

@@ -1,13 +1,17 @@
-"""Undeclared fill values in OG1 files are missing values, never measurements."""
+"""Undeclared fill values are missing values, never measurements."""
 
 import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from support import observation_files
 from support import seaglider_files as made
+from support.glides import Glide, mission
 
+from gliderhpc.api.currents import currents
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.in_memory import read_records
 from gliderhpc.observations.instruments.og1 import import_og1
 
 FILLS = (99999.0, -999.0, -9999.0, 9.96921e36)
@@ -99,3 +103,29 @@ def test_a_heading_that_is_a_fill_throughout_is_missing(tmp_path):
 def test_a_roll_that_is_impossible_throughout_is_named_with_its_value(tmp_path):
     summary, _ = imported(tmp_path, "ROLL", 655.35, slice(None))
     assert all("roll is 655.35 degree" in profile.fault for profile in summary.profiles)
+
+
+@pytest.mark.parametrize(("name", "fill"), [("depth", 9999.0), ("ballast_volume", -999.0), ("ballast_volume", 9999.0)])
+def test_an_undeclared_fill_within_the_plausible_range_is_missing_in_an_observation_file(tmp_path, name, fill):
+    def edit(dataset):
+        dataset[name][500:530] = fill
+
+    path = observation_files.edited(tmp_path, edit)
+    with open_observations(path) as observations:
+        assert observations.faults == {}
+        (remark,) = observations.warnings
+        assert int(np.isnan(getattr(observations.profile(2), name)).sum()) == 30
+    assert remark == (
+        f"{name} has a usual fill value in 30 samples, the first {fill:g} at sample 500; these are treated as missing: "
+        "declare its fill value"
+    )
+    assert int(np.isnan(read_records(path)[name].values).sum()) == 30
+
+
+def test_a_fill_value_is_no_depth_of_a_current():
+    records, expected = mission(Glide()), currents(mission(Glide()))
+    records["depth"][300:340] = 9999.0
+    found = currents(records)
+    assert "depth has a usual fill value in 40 samples, the first 9999 at sample 300" in found.attrs["comment"]
+    np.testing.assert_allclose(found["dac_east"], expected["dac_east"], atol=0.01)
+    np.testing.assert_allclose(found["max_depth"], expected["max_depth"])

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 import xarray as xr
+from support import observation_files
 from support import seaglider_files as made
 from support.glides import Glide, mission
 from support.slocum_files import flight, write_netcdf
 
 from gliderhpc.api.currents import currents
 from gliderhpc.errors import InputError
-from gliderhpc.observations.files.headings import North, file_declination, north_of, remove_turns
+from gliderhpc.observations import open_observations
+from gliderhpc.observations.files.headings import North, check_circle, file_declination, north_of, remove_turns
 from gliderhpc.observations.instruments.og1 import import_og1
 from gliderhpc.observations.instruments.seaglider import import_seaglider
 from gliderhpc.observations.instruments.slocum import import_slocum
@@ -141,6 +143,48 @@ def test_a_heading_that_may_be_unwrapped_or_in_tenths_of_a_degree_is_refused(tmp
     path, read = heading_file(tmp_path, kind, lambda count: np.linspace(100.0, 900.0, count))
     with pytest.raises(InputError, match=r"a heading over several turns must be written modulo 360"):
         read([path], tmp_path / "out.nc")
+
+
+@KINDS
+def test_a_heading_in_gon_without_its_unit_is_refused(tmp_path, kind):
+    path, read = heading_file(tmp_path, kind, lambda count: np.mod(unwrapped(count), 360.0) / 0.9)
+    with pytest.raises(
+        InputError, match=r"(HEADING|eng_head|m_heading) covers .* it is in gon, not in degree; set its"
+    ):
+        read([path], tmp_path / "out.nc")
+
+
+@KINDS
+def test_hundredths_of_a_degree_that_overflowed_two_bytes_are_refused(tmp_path, kind):
+    def overflowed(count):
+        return np.round(100.0 * np.mod(unwrapped(count), 360.0)).astype(np.int64).astype(np.int16) / 100.0
+
+    path, read = heading_file(tmp_path, kind, overflowed)
+    with pytest.raises(InputError, match=r"(HEADING|eng_head|m_heading) is between -32.* add 655.36 to the negative"):
+        read([path], tmp_path / "out.nc")
+
+
+def test_a_heading_in_gon_gives_the_same_current_if_its_unit_says_so():
+    records, turned = mission(Glide()), mission(Glide())
+    turned["heading"] = (records["heading"] + 0.7 * np.arange(records.sizes["time"])) % 360.0
+    in_gon = turned.assign(heading=(turned["heading"] / 0.9).assign_attrs(units="gon"))
+    np.testing.assert_allclose(currents(in_gon)["dac_north"], currents(turned)["dac_north"], atol=1e-9)
+    in_gon["heading"].attrs["units"] = "degree"
+    with pytest.raises(InputError, match=r"heading covers .* it is in gon"):
+        currents(in_gon)
+
+
+def test_a_heading_in_gon_in_an_observation_file_is_refused(tmp_path):
+    heading = np.mod(observation_files.mission()["heading"] * 20.0, 400.0)
+    with pytest.raises(InputError, match=r"mission.nc: heading covers .* it is in gon"):
+        open_observations(observation_files.write(tmp_path, heading=heading))
+
+
+@pytest.mark.parametrize("shift", [16.0, -20.0])
+def test_a_declination_added_to_a_heading_does_not_make_it_gon(shift):
+    heading = np.mod(np.arange(0.0, 3600.0, 3.7), 360.0) + shift
+    check_circle(heading, "made")
+    assert np.abs(remove_turns(heading)[0] - heading).max() in (0.0, 360.0)
 
 
 def test_few_headings_beyond_a_turn_are_angles_and_fill_values_are_none():

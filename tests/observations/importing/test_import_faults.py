@@ -299,3 +299,8 @@ def test_a_summary_without_pieces_by_profile_is_printed():
         ctd_samples=0, rows_dropped={},
     )  # fmt: skip
     assert summary_lines(summary)[-1] == "1 profile, 1 complete, written to out.nc; 1 file left out"
+
+
+def test_a_name_of_another_format_is_refused_before_the_import(tmp_path):
+    with pytest.raises(InputError, match=r"out.csv: is written as netCDF, which .csv is not; give a name that ends in"):
+        import_og1([made.write_og1(tmp_path / "og1.nc")], tmp_path / "out.csv")
