@@ -116,7 +116,7 @@ def kernel_cache() -> Check:
 
 
 def precompiled() -> Check:
-    """Report whether precompiled kernels, from the wheel or from a named folder, are in use, and if not, why not."""
+    """Report whether precompiled kernels, from the wheel or a named folder, are used, and the reason if not."""
     folder, reason = precompiled_kernels()
     if folder is None:
         return Check("precompiled", State.ABSENT, reason, "kernels are compiled on this machine instead, once")
@@ -126,18 +126,16 @@ def precompiled() -> Check:
 def compiled_kernels() -> Check:
     """Check whether the kernels are compiled and can be loaded; damaged ones are compiled again."""
     folder = compiled_cache()
-    before = _compiled_in(folder)
-    if before == 0 and precompiled_kernels()[0] is None:
+    count = _compiled_in(folder)
+    if count == 0 and precompiled_kernels()[0] is None:
         return Check(
             "kernels", State.ABSENT, "none compiled yet", "the first run compiles them, in about half a minute"
         )
     began = time.perf_counter()
     warm_kernels()
-    seconds, new = time.perf_counter() - began, _compiled_in(folder) - before
+    seconds, new = time.perf_counter() - began, _compiled_in(folder) - count
     found = (
-        f"{before} compiled, " * bool(before)
-        + f"loaded and run in {seconds:.1f} s"
-        + f"; {new} were missing" * bool(new)
+        f"{count} compiled, " * bool(count) + f"loaded and run in {seconds:.1f} s" + f"; {new} were missing" * bool(new)
     )
     return Check("kernels", State.OK, found)
 
@@ -151,14 +149,14 @@ def write_access(place: Place) -> Check:
 def free_disk(place: Path) -> Check:
     """Check the free space on the disk of a folder, which need not exist yet."""
     free = shutil.disk_usage(_existing(place)).free
-    enough = free >= MIN_FREE_BYTES
+    is_enough = free >= MIN_FREE_BYTES
     found = f"{free / 2**30:.1f} GiB at {place}"
     remedy = (
         ""
-        if enough
+        if is_enough
         else f"free some space: a mission takes gigabytes, and this is less than {MIN_FREE_BYTES / 2**30:g} GiB"
     )
-    return Check("free disk", State.OK if enough else State.MISSING, found, remedy)
+    return Check("free disk", State.OK if is_enough else State.MISSING, found, remedy)
 
 
 def reachable_cluster(cluster: ClusterAddress) -> Check:
@@ -197,8 +195,8 @@ def _check_write(name: str, where: str, write: Callable[[], None], remedy: str) 
     except InputError as error:
         return Check(name, State.MISSING, str(error), remedy)
     except OSError as error:
-        why = (error.strerror or str(error) or type(error).__name__).splitlines()[0]
-        return Check(name, State.MISSING, f"{where}: {why}", remedy)
+        reason = (error.strerror or str(error) or type(error).__name__).splitlines()[0]
+        return Check(name, State.MISSING, f"{where}: {reason}", remedy)
     return Check(name, State.OK, f"{where} can be written")
 
 

@@ -20,9 +20,8 @@ FIXES = "fixes"
 
 def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
     """Return whether only the fixes differ, and the commit stores the data needed to recompute the currents."""
-    others = {kind: digest for kind, digest in inputs.items() if kind != FIXES}
-    same = all(commit.inputs.get(kind) == digest for kind, digest in others.items())
-    return same and bool(commit.extra) and commit.row.get("status") == "done"
+    unchanged = all(commit.inputs.get(kind) == digest for kind, digest in inputs.items() if kind != FIXES)
+    return unchanged and bool(commit.extra) and commit.row.get("status") == "done"
 
 
 def common_digests(platform: Platform, settings: MissionSettings) -> dict[str, str]:
@@ -48,7 +47,7 @@ def input_digests(
     mission_start : numpy.datetime64
         Origin of its `elapsed_days`.
     common : mapping of str to str
-        Digests of what all profiles have in common (`common_digests`).
+        Digests of the inputs that all profiles have in common (`common_digests`).
     """
     return {
         **common,

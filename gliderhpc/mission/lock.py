@@ -77,17 +77,17 @@ class FileLock:
         return str(self._path)
 
     def create(self, content: bytes) -> bool:
-        """Write under a temporary name and link the file; the lock is thus never seen without its content."""
+        """Write under a temporary name and link the file, so that the lock never appears without its content."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        aside = self._temporary_path()
+        temporary = self._temporary_path()
         # Written inside the block: a run that is interrupted at any moment must leave no file.
         try:
-            aside.write_bytes(content)
-            link_unless_there(aside, self._path)
+            temporary.write_bytes(content)
+            link_unless_there(temporary, self._path)
         except FileExistsError:
             return False
         finally:
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
         return True
 
     def read(self) -> bytes | None:
@@ -112,29 +112,29 @@ class FileLock:
 
     def age(self) -> float:
         """Return the age by the file system's clock, which need not be this machine's."""
-        aside = self._temporary_path()
+        temporary = self._temporary_path()
         try:
-            aside.touch()
-            return aside.stat().st_mtime - self._path.stat().st_mtime
+            temporary.touch()
+            return temporary.stat().st_mtime - self._path.stat().st_mtime
         except FileNotFoundError:
             return 0.0
         finally:
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
         """Rename the file, which only one of several runs can do; restore it if it belongs to another run.
 
         If a third run has acquired the lock in between, there is nothing to restore.
         """
-        aside = self._temporary_path()
+        renamed = self._temporary_path()
         try:
-            self._path.rename(aside)
+            self._path.rename(renamed)
         except FileNotFoundError:
             return
-        if FileLock(aside).read() != content:
+        if FileLock(renamed).read() != content:
             with suppress(FileExistsError):
-                link_unless_there(aside, self._path)
-        aside.unlink()
+                link_unless_there(renamed, self._path)
+        renamed.unlink()
 
     def remove(self) -> None:
         """Remove the file."""
@@ -283,24 +283,24 @@ def _acquire(place: LockPlace, holder: Holder, archive: Place) -> None:
     content = json.dumps(asdict(holder)).encode()
     if place.create(content):
         return
-    found = place.read()
-    if found is not None:
-        other = _parse_holder(found)
+    existing = place.read()
+    if existing is not None:
+        other = _parse_holder(existing)
         if not _is_dead(place, other):
             raise InputError(
                 f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {place} if that "
                 "run has ended"
             )
         log.warning("%s: taking over from a run that was killed (%s)", archive, other.describe())
-        place.release(found)
+        place.release(existing)
     if not place.create(content):
         raise InputError(f"{archive}: another run has just begun to write it; wait for it")
 
 
 def _is_dead(place: LockPlace, other: Holder) -> bool:
     # A container may share its host's name, but not the numbers of its processes.
-    same = (other.host, other.namespace) == (socket.gethostname(), _namespace())
-    if same and not _is_alive(other.process):
+    on_this_machine = (other.host, other.namespace) == (socket.gethostname(), _namespace())
+    if on_this_machine and not _is_alive(other.process):
         return True
     return place.age() > STALE_AGE
 
@@ -331,7 +331,7 @@ def _read_holder(place: LockPlace) -> Holder | None:
 
 
 def _parse_holder(content: bytes) -> Holder:
-    """Return the holder that a lock names; a lock of unknown content is taken over once it is stale."""
+    """Return the holder stated in a lock; a lock of unknown content is taken over once it is stale."""
     try:
         holder = Holder(**json.loads(content))
     except (ValueError, TypeError, RecursionError):

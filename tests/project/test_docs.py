@@ -180,4 +180,4 @@ def test_the_generated_pages_hold_what_they_are_made_from(site):
 def test_the_tests_that_the_reliability_page_names_exist():
     named = set(re.findall(r"`(test_\w+\.py)`", (DOCS / "reliability.md").read_text("utf-8")))
     assert len(named) > 30
-    assert named <= {path.name for path in (REPOSITORY / "tests").glob("*/test_*.py")}
+    assert named <= {path.name for path in (REPOSITORY / "tests").rglob("test_*.py")}
