@@ -189,7 +189,7 @@ def variable_differences(
         yield "chunks are not named as in the schema"
     if _dtype_name(array) != variable.dtype:
         yield f"dtype is {_dtype_name(array)}, not {variable.dtype}"
-    elif not _same(array.fill_value, variable.fill_value):
+    elif not _is_equal(array.fill_value, variable.fill_value):
         yield f"fill value is {array.fill_value}, not {variable.fill_value}"
     yield from _attribute_differences(dict(array.attrs), variable.all_attributes())
 
@@ -201,12 +201,12 @@ def _chunks_fit(array: zarr.Array[Any], group: Group, variable: Variable) -> boo
     return array.chunks == chunks(group, variable, array.shape)
 
 
-def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]:
-    for name, value in wanted.items():
-        if name not in found:
+def _attribute_differences(stored: dict[str, Any], expected: dict[str, Any]) -> Iterator[str]:
+    for name, value in expected.items():
+        if name not in stored:
             yield f"attribute {name} is missing"
-        elif found[name] != value:
-            yield f"attribute {name} is {found[name]!r}, not {value!r}"
+        elif stored[name] != value:
+            yield f"attribute {name} is {stored[name]!r}, not {value!r}"
 
 
 def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
@@ -217,25 +217,25 @@ def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
         yield "/: the consolidated metadata is missing or damaged"
         return
     try:
-        own = _members(root)
+        members = _members(root)
     except UNREADABLE:
         return  # reported by name in the comparison of the groups with the schema
-    for name in own.keys() - consolidated.keys():
+    for name in members.keys() - consolidated.keys():
         yield f"{name}: not in the consolidated metadata"
-    for name in consolidated.keys() - own.keys():
+    for name in consolidated.keys() - members.keys():
         yield f"{name}: in the consolidated metadata, but not in the archive"
-    for name in sorted(own.keys() & consolidated.keys()):
-        if own[name] != consolidated[name]:
+    for name in sorted(members.keys() & consolidated.keys()):
+        if members[name] != consolidated[name]:
             yield f"{name}: the consolidated metadata differs from its own"
 
 
 def _is_consolidated(place: Place) -> bool:
     """Return whether the consolidated metadata equals that of every group and variable."""
     try:
-        own = stored_metadata(store_at(place, read_only=True))
-        consolidated = own.pop("")[CONSOLIDATED]["metadata"]
-        return own.keys() == consolidated.keys() and all(
-            without_members(consolidated[path]) == without_members(own[path]) for path in own
+        members = stored_metadata(store_at(place, read_only=True))
+        consolidated = members.pop("")[CONSOLIDATED]["metadata"]
+        return members.keys() == consolidated.keys() and all(
+            without_members(consolidated[path]) == without_members(members[path]) for path in members
         )
     except (*UNREADABLE, AttributeError):
         return False
@@ -338,7 +338,7 @@ def _dtype_name(array: zarr.Array[Any]) -> str:
     return "string" if array.dtype.kind in "TOU" else array.dtype.name
 
 
-def _same(found: Any, wanted: Any) -> bool:
-    if isinstance(wanted, float) and math.isnan(wanted):
-        return bool(np.isnan(found))
-    return bool(found == wanted)
+def _is_equal(stored: Any, expected: Any) -> bool:
+    if isinstance(expected, float) and math.isnan(expected):
+        return bool(np.isnan(stored))
+    return bool(stored == expected)

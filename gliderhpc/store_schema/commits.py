@@ -38,7 +38,7 @@ BY_RESUME = "run-mission --resume repairs it"
 
 AsyncArray = zarr.AsyncArray[Any]
 
-_WRITES_AT_ONCE = 8
+_MAX_CONCURRENT_WRITES = 8
 """Number of arrays that are written concurrently, whose values are in memory together."""
 
 UNREADABLE = (ValueError, RuntimeError, KeyError, TypeError)
@@ -128,10 +128,10 @@ def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[i
     root = group_at(place)
     markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
     if positions is None:
-        found = _all_commits(markers, manifests)
+        commits = _all_commits(markers, manifests)
     else:
-        found = {index: _commit(markers, manifests, index) for index in positions}
-    return {index: commit for index, commit in found.items() if commit is not None}
+        commits = {index: _commit(markers, manifests, index) for index in positions}
+    return {index: commit for index, commit in commits.items() if commit is not None}
 
 
 def _all_commits(markers: zarr.Array[Any], manifests: zarr.Array[Any]) -> dict[int, Commit | str | None]:
@@ -190,11 +190,11 @@ def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:
     """Find the chunks of committed profiles that differ from their manifests."""
     store = store_at(place, read_only=True)
     arrays = row_arrays(zarr.open_group(store, mode="r", use_consolidated=False), MISSION)
-    found = []
+    damaged = []
     for index, commit in commits.items():
         chunks = row_chunks(arrays, index)
-        found += compared(index, chunks, commit.manifest, stored_digests(store, chunks))
-    return found
+        damaged += differing_chunks(index, chunks, commit.manifest, stored_digests(store, chunks))
+    return damaged
 
 
 def stored_digests(store: Any, keys: Mapping[str, str]) -> Digests:
@@ -219,12 +219,12 @@ def stored_keys(place: Place) -> frozenset[str]:
     return wait_for(keys(store_at(place, read_only=True)))
 
 
-def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: Digests) -> list[Damage]:
+def differing_chunks(index: int, variables: Mapping[str, str], expected: Digests, stored: Digests) -> list[Damage]:
     """Return the damage of chunks whose digests differ; `variables` holds the variable of each key."""
     return [
-        Damage(index, variable, _difference(wanted.get(key), found[key]))
+        Damage(index, variable, _difference(expected.get(key), stored[key]))
         for key, variable in variables.items()
-        if wanted.get(key) != found[key]
+        if expected.get(key) != stored[key]
     ]
 
 
@@ -241,13 +241,13 @@ def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[An
 
 def writable_arrays(root: zarr.Group, names: Iterable[str]) -> dict[str, AsyncArray]:
     """Open arrays of an archive by path, concurrently, for `write_values`; errors as in `arrays_at`."""
-    found = _opened(root.store_path, names)
-    for name, array in found.items():
+    arrays = _opened(root.store_path, names)
+    for name, array in arrays.items():
         if isinstance(array, FileNotFoundError):
             raise KeyError(name)
         if isinstance(array, BaseException):
             raise array
-    return found
+    return arrays
 
 
 def write_values(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> None:
@@ -262,17 +262,17 @@ def write_values(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> None:
         The first error of a write.
     """
     remaining = iter(writes)
-    while at_once := list(islice(remaining, _WRITES_AT_ONCE)):
-        wait_for_all(array.setitem(selection, values) for array, selection, values in at_once)
+    while batch := list(islice(remaining, _MAX_CONCURRENT_WRITES)):
+        wait_for_all(array.setitem(selection, values) for array, selection, values in batch)
 
 
 def readable_arrays(place: Place, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
     """Open those of an archive's arrays, by path, whose metadata can be read."""
-    found = _opened(StorePath(store_at(place, read_only=True)), names)
-    for error in found.values():
+    opened = _opened(StorePath(store_at(place, read_only=True)), names)
+    for error in opened.values():
         if isinstance(error, BaseException) and not isinstance(error, (*UNREADABLE, FileNotFoundError)):
             raise error
-    return {name: zarr.Array(array) for name, array in found.items() if not isinstance(array, BaseException)}
+    return {name: zarr.Array(array) for name, array in opened.items() if not isinstance(array, BaseException)}
 
 
 def _opened(root: StorePath, names: Iterable[str]) -> dict[str, Any]:
@@ -351,7 +351,7 @@ def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
     return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest), dict(content.get("kept", {})))
 
 
-def _difference(wanted: str | None, found: str | None) -> str:
-    if found is None:
+def _difference(expected: str | None, stored: str | None) -> str:
+    if stored is None:
         return "the chunk is missing"
-    return "there should be no chunk" if wanted is None else "the chunk is damaged"
+    return "there should be no chunk" if expected is None else "the chunk is damaged"

@@ -16,8 +16,8 @@ from gliderhpc.store_schema.commits import (
     UNREADABLE,
     Commit,
     array_at,
-    compared,
     damages,
+    differing_chunks,
     read_commits,
     row_arrays,
     row_chunks,
@@ -51,12 +51,12 @@ def as_lines(faults: Iterable[Fault]) -> list[str]:
     for fault in faults:
         grouped.setdefault((fault.profile, fault.remedy), []).append(fault)
     lines: list[str] = []
-    for (profile, remedy), found in grouped.items():
-        if len(found) <= _MAX_NAMED_CHUNKS:
-            lines += [f"{profile}, {fault.variable}: {fault.what}; {remedy}" for fault in found]
+    for (profile, remedy), group in grouped.items():
+        if len(group) <= _MAX_NAMED_CHUNKS:
+            lines += [f"{profile}, {fault.variable}: {fault.what}; {remedy}" for fault in group]
         else:
-            names = ", ".join(fault.variable for fault in found[:_MAX_NAMED_CHUNKS])
-            lines.append(f"{profile}: {len(found)} chunks are missing or damaged ({names}, ...); {remedy}")
+            names = ", ".join(fault.variable for fault in group[:_MAX_NAMED_CHUNKS])
+            lines.append(f"{profile}: {len(group)} chunks are missing or damaged ({names}, ...); {remedy}")
     return lines
 
 
@@ -125,7 +125,7 @@ def _committed_chunk_faults(place: Place, deep: bool) -> Iterator[Fault]:
             yield from _missing_of(commit.manifest, stored, profile, remedy)
             continue
         names = {key: key.rpartition("/")[0] for key, digest in commit.manifest.items() if digest is not None}
-        for damage in compared(index, names, commit.manifest, stored_digests(store, names)):
+        for damage in differing_chunks(index, names, commit.manifest, stored_digests(store, names)):
             yield Fault(profile, damage.variable, damage.what, remedy)
 
 
@@ -166,16 +166,16 @@ def _missing(place: Place) -> Iterator[Fault]:
 
 
 def _missing_of_study(node: zarr.Group, group: Group, numbers: list[int], stored: Set[str]) -> Iterator[Fault]:
-    again = f"run {group.name} again"
+    remedy = f"run {group.name} again"
     attributes: dict[str, Any] = dict(node.attrs)
-    yield from _missing_of(dict(attributes.get(DIGESTS, {})), stored, "every profile", again)
+    yield from _missing_of(dict(attributes.get(DIGESTS, {})), stored, "every profile", remedy)
     try:
         manifests = [str(text) for text in np.asarray(array_at(node, MANIFEST)[:])] if MANIFEST in node else []
     except UNREADABLE as error:
-        yield Fault("every profile", f"{group.name}/{MANIFEST}", first_line(error), again)
+        yield Fault("every profile", f"{group.name}/{MANIFEST}", first_line(error), remedy)
         return
     for number, manifest in zip(numbers, manifests, strict=False):
-        yield from _missing_of(json.loads(manifest) if manifest else {}, stored, f"profile {number}", again)
+        yield from _missing_of(json.loads(manifest) if manifest else {}, stored, f"profile {number}", remedy)
 
 
 def _missing_of(digests: Digests, stored: Set[str], profile: str, remedy: str) -> Iterator[Fault]:
@@ -201,27 +201,27 @@ def _table_damages(
     rows = {index: commit.row for index, commit in commits.items()}
     columns = dict(mission_columns(rows, len(numbers)))
     stored = values_at(root, columns)
-    for name, wanted in columns.items():
-        found = stored[name]
-        if found is None:
+    for name, committed in columns.items():
+        column = stored[name]
+        if column is None:
             yield Fault("every profile", name, "the chunk is damaged", BY_RESUME)
             continue
         for index in commits:
-            if not _equal(found[index], wanted[index]):
-                what = f"the table has {found[index]!s}, but the commit has {wanted[index]!s}"
+            if not _is_equal(column[index], committed[index]):
+                what = f"the table has {column[index]!s}, but the commit has {committed[index]!s}"
                 yield Fault(f"profile {numbers[index]}", name, what, BY_RESUME)
         if name == "status":
-            for index, status in enumerate(found):
+            for index, status in enumerate(column):
                 if index not in marked and str(status) != "pending":
                     yield Fault(f"profile {numbers[index]}", COMMITS, "the marker is missing", BY_RESUME)
 
 
 def _study_damages(place: Place, root: zarr.Group, group: Group, numbers: list[int]) -> Iterator[Fault]:
     """Compare a study's chunks with their digests when it was finished."""
-    again = f"run {group.name} again"
+    remedy = f"run {group.name} again"
     store = store_at(place, read_only=True)
     for damage in table_damages(place, group):
-        yield Fault("every profile", damage.variable, damage.what, again)
+        yield Fault("every profile", damage.variable, damage.what, remedy)
     arrays = row_arrays(root, [group])
     if not arrays:
         return
@@ -232,9 +232,9 @@ def _study_damages(place: Place, root: zarr.Group, group: Group, numbers: list[i
     for index, number in enumerate(numbers):
         chunks = row_chunks(arrays, index)
         manifest = json.loads(str(manifests[index])) if manifests[index] else {}
-        for damage in compared(index, chunks, manifest, stored_digests(store, chunks)):
-            yield Fault(f"profile {number}", damage.variable, damage.what, again)
+        for damage in differing_chunks(index, chunks, manifest, stored_digests(store, chunks)):
+            yield Fault(f"profile {number}", damage.variable, damage.what, remedy)
 
 
-def _equal(found: Any, wanted: Any) -> bool:
-    return bool(found == wanted or (found != found and wanted != wanted))
+def _is_equal(first: Any, second: Any) -> bool:
+    return bool(first == second or (first != first and second != second))

@@ -58,52 +58,52 @@ def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]
     InputError
         The profiles do not continue the archive's.
     """
-    before = read_profiles(place)
-    check_continuation(place, before, profiles)
-    now = mission_sizes(place)
-    wanted = {dim: max(size, sizes.get(dim, 0)) for dim, size in now.items()} | {PROFILE: len(profiles)}
-    if wanted == now | {PROFILE: len(before)}:
+    existing = read_profiles(place)
+    check_continuation(place, existing, profiles)
+    present_sizes = mission_sizes(place)
+    new_sizes = {dim: max(size, sizes.get(dim, 0)) for dim, size in present_sizes.items()} | {PROFILE: len(profiles)}
+    if new_sizes == present_sizes | {PROFILE: len(existing)}:
         return
     root = group_at(place, writable=True)
     for study, study_node in studies_in(root):
-        _grow_study(place, study_node, study, wanted, profiles)
+        _grow_study(place, study_node, study, new_sizes, profiles)
     for group in reversed(MISSION.groups):
         node = root if group.name == "/" else root[group.name]
         if isinstance(node, zarr.Group):
-            _grow_group(node, group, wanted, profiles)
+            _grow_group(node, group, new_sizes, profiles)
     consolidate(place)
 
 
-def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[int]) -> None:
-    """Check that profiles continue those of an archive.
+def check_continuation(place: Place, existing: Sequence[int], profiles: Sequence[int]) -> None:
+    """Check that profiles continue the existing ones of an archive.
 
     Raises
     ------
     InputError
         They do not.
     """
-    if list(profiles[: len(before)]) != list(before):
+    if list(profiles[: len(existing)]) != list(existing):
         raise InputError(
             f"{place}: the chosen profiles do not begin with those of the archive; append only adds profiles after "
-            f"number {before[-1]}; otherwise use --overwrite"
+            f"number {existing[-1]}; otherwise use --overwrite"
         )
 
 
-def mark_studies_outdated(place: Place, why: str) -> None:
+def mark_studies_outdated(place: Place, reason: str) -> None:
     """Mark every study's group as outdated by a change of the archive."""
     root = group_at(place, writable=True)
     for _, node in studies_in(root):
-        node.attrs[OUTDATED] = why
+        node.attrs[OUTDATED] = reason
 
 
 def _grow_study(
     place: Place, node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]
 ) -> None:
     """Grow a study; it is marked incomplete in the meantime, and permanently if its tables are damaged."""
-    sound = bool(node.attrs.get(COMPLETE)) and not table_damages(place, group)
+    was_complete = bool(node.attrs.get(COMPLETE)) and not table_damages(place, group)
     node.attrs[COMPLETE] = False
     _grow_group(node, group, sizes, profiles)
-    node.attrs.update({DIGESTS: table_digests(place, group), COMPLETE: sound})
+    node.attrs.update({DIGESTS: table_digests(place, group), COMPLETE: was_complete})
 
 
 def _grow_group(node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]) -> None:
@@ -213,11 +213,11 @@ def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
 
 def _rewrite(place: Place, damaged: list[_Damaged]) -> Iterator[str]:
     root = group_at(place, writable=True)
-    for one in damaged:
-        label = label_of(one.group.name, one.variable.name)
+    for array in damaged:
+        label = label_of(array.group.name, array.variable.name)
         _delete_metadata(place, label)
-        node: Any = root if one.group.name == "/" else root[one.group.name]
-        create_variable(node, one.group, one.variable, one.shape, one.chunks)
+        node: Any = root if array.group.name == "/" else root[array.group.name]
+        create_variable(node, array.group, array.variable, array.shape, array.chunks)
         yield label
 
 

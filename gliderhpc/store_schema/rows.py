@@ -45,7 +45,7 @@ def encoded(variable: Variable, values: Any) -> Any:
 def padded_row(variable: Variable, label: str, row: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Check a row against its variable and pad it with the fill value to its shape."""
     values = np.asarray(encoded(variable, row))
-    if values.ndim != len(shape) or any(own > length for own, length in zip(values.shape, shape, strict=True)):
+    if values.ndim != len(shape) or any(size > length for size, length in zip(values.shape, shape, strict=True)):
         raise ValueError(f"{label}: a row of shape {values.shape} does not fit into one of shape {shape}")
     if not variable.dtype.startswith("float") and values.dtype.kind not in "iub":
         raise ValueError(f"{label}: {values.dtype} values cannot be stored in {variable.dtype} without loss")
@@ -142,8 +142,8 @@ class ArchiveRows:
         if amended is None:
             missing = dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests)
             write_values((arrays[name], profile_index, arrays[name].metadata.fill_value) for name in missing)
-        before = amended or {}
-        manifest = {key: self._store.digests.get(key, before.get(key)) for key in chunks}
+        previous = amended or {}
+        manifest = {key: self._store.digests.get(key, previous.get(key)) for key in chunks}
         text, marker = as_texts(row, inputs, manifest, finished, extra)
         self._put_text(MANIFEST, profile_index, text)
         self._put_text(MARKER, profile_index, marker)
@@ -224,16 +224,16 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
     """
     root = group_at(place, writable=True)
     for name in dict.fromkeys(name for row in rows.values() for name in row):
-        below, _, own = name.rpartition("/")
-        owner = below or group
-        variable = group_called(owner)[own]
-        if own == PROFILE:
+        subgroup, _, column_name = name.rpartition("/")
+        owner = subgroup or group
+        variable = group_called(owner)[column_name]
+        if column_name == PROFILE:
             raise ValueError("the profiles' numbers are fixed when the archive is created")
         if not variable.is_table:
-            raise ValueError(f"{owner}/{own} is not a column of a table")
-        array = array_at(root, label_of(owner, own))
+            raise ValueError(f"{owner}/{column_name} is not a column of a table")
+        array = array_at(root, label_of(owner, column_name))
         column = np.asarray(array[:])
-        _put(column, variable, name, rows)
+        _fill_column(column, variable, name, rows)
         array[:] = column
 
 
@@ -262,7 +262,7 @@ def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]
             name = label_of(group.name, variable.name)
             dtype = np.dtypes.StringDType() if variable.dtype == "string" else np.dtype(variable.dtype)
             column: NDArray[Any] = np.full(size, variable.fill_value, dtype=dtype)
-            _put(column, variable, name, rows)
+            _fill_column(column, variable, name, rows)
             yield name, column
 
 
@@ -309,7 +309,7 @@ def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> No
         array[...] = new.astype(np.dtypes.StringDType() if variable.dtype == "string" else variable.dtype)
 
 
-def _put(column: NDArray[Any], variable: Variable, name: str, rows: Rows) -> None:
+def _fill_column(column: NDArray[Any], variable: Variable, name: str, rows: Rows) -> None:
     for index, row in rows.items():
         check_position(index, len(column))
         if name in row:

@@ -19,7 +19,7 @@ from gliderhpc.store_schema.commits import (
     Damage,
     array_at,
     arrays_at,
-    compared,
+    differing_chunks,
     row_arrays,
     row_chunks,
     row_names,
@@ -271,9 +271,9 @@ def table_damages(place: Place, group: Group) -> list[Damage]:
     store = store_at(place, read_only=True)
     node = zarr.open_group(store, mode="r", path=group.name, use_consolidated=False)
     attributes: dict[str, Any] = dict(node.attrs)
-    wanted = dict(attributes.get(DIGESTS, {}))
-    variables = {key: key.rpartition("/")[0] for key in wanted}
-    return compared(-1, variables, wanted, stored_digests(store, wanted))
+    expected = dict(attributes.get(DIGESTS, {}))
+    variables = {key: key.rpartition("/")[0] for key in expected}
+    return differing_chunks(-1, variables, expected, stored_digests(store, expected))
 
 
 def _table_chunks(root: zarr.Group, group: Group) -> dict[str, str]:
