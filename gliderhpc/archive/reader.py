@@ -19,7 +19,7 @@ from zarr.core.group import GroupMetadata
 from zarr.storage import StorePath
 
 from gliderhpc.store_schema.commits import array_at
-from gliderhpc.store_schema.place import CONSOLIDATED, parsed_root
+from gliderhpc.store_schema.location import CONSOLIDATED, parsed_root
 from gliderhpc.store_schema.schema import PROFILE
 
 Columns = Mapping[str, NDArray[Any]]

@@ -19,7 +19,7 @@ from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.warm import warm_kernels
-from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.store_schema.location import Location, is_address
 from gliderhpc.version import __version__
 from gliderhpc.wording import counted
 
@@ -71,8 +71,8 @@ class Check:
     remedy: str = ""
 
 
-def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Check]:
-    """Yield all checks for an archive at `place` and, if given, for a run on `cluster`."""
+def examine(location: Location, cluster: ClusterAddress | None = None) -> Iterable[Check]:
+    """Yield all checks for an archive at `location` and, if given, for a run on `cluster`."""
     yield Check("gliderhpc", State.OK, f"{__version__}, {Path(__file__).parents[1]}")
     yield Check("python", State.OK, f"{platform.python_version()}, {platform.system()} {platform.machine()}")
     yield from map(package, PACKAGES)
@@ -80,9 +80,9 @@ def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Che
     yield kernel_cache()
     yield precompiled()
     yield compiled_kernels()
-    yield write_access(place)
-    if not is_address(place):
-        yield free_disk(Path(place))
+    yield write_access(location)
+    if not is_address(location):
+        yield free_disk(Path(location))
     if cluster is not None:
         yield reachable_cluster(cluster)
     yield from (extra(name) for name in EXTRAS)
@@ -140,17 +140,17 @@ def compiled_kernels() -> Check:
     return Check("kernels", State.OK, found)
 
 
-def write_access(place: Place) -> Check:
-    """Check that an archive can be written at a place."""
-    write = (lambda: _write_object(str(place))) if is_address(place) else (lambda: _write_file(Path(place)))
-    return _check_write("write access", str(place), write, "give a --store that can be written")
+def write_access(location: Location) -> Check:
+    """Check that an archive can be written at a location."""
+    write = (lambda: _write_object(str(location))) if is_address(location) else (lambda: _write_file(Path(location)))
+    return _check_write("write access", str(location), write, "give a --store that can be written")
 
 
-def free_disk(place: Path) -> Check:
+def free_disk(location: Path) -> Check:
     """Check the free space on the disk of a folder, which need not exist yet."""
-    free = shutil.disk_usage(_existing(place)).free
+    free = shutil.disk_usage(_existing(location)).free
     is_enough = free >= MIN_FREE_BYTES
-    found = f"{free / 2**30:.1f} GiB at {place}"
+    found = f"{free / 2**30:.1f} GiB at {location}"
     remedy = (
         ""
         if is_enough
@@ -217,7 +217,7 @@ def _write_object(address: str) -> None:
     OSError
         The store refuses it.
     """
-    from gliderhpc.store_schema.place import bucket_at, network_errors
+    from gliderhpc.store_schema.location import bucket_at, network_errors
 
     bucket, key = bucket_at(address), f".gliderhpc-doctor-{uuid.uuid4().hex}"
     with network_errors():

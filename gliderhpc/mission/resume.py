@@ -26,8 +26,8 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.commits import Commit, damages
 from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.deep_check import Fault, as_lines, damaged_studies
+from gliderhpc.store_schema.location import Location, remove_partial_files
 from gliderhpc.store_schema.maintenance import check_continuation, grow_archive, mark_studies_outdated, mend_metadata
-from gliderhpc.store_schema.place import Place, remove_partial_files
 from gliderhpc.wording import counted
 
 log = logging.getLogger(__name__)
@@ -79,13 +79,13 @@ class Validity:
 
 
 def check_profiles(
-    place: Place, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]], check_last: int | None = None
+    location: Location, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]], check_last: int | None = None
 ) -> Validity:
     """Determine the valid profiles: those that are done, have these inputs, and have undamaged chunks.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     numbers : sequence of int
         Numbers of its profiles.
@@ -95,7 +95,7 @@ def check_profiles(
         Number of profiles at the end whose chunks are checked; by default all, which takes longer.
     """
     first_checked = 0 if check_last is None else len(numbers) - check_last
-    commits = read_commits(place)
+    commits = read_commits(location)
     reasons = {index: _describe_reason(commits.get(index), inputs.get(index)) for index in range(len(numbers))}
     outstanding = {index: reason for index, reason in reasons.items() if reason is not None}
     candidates = {
@@ -103,7 +103,7 @@ def check_profiles(
         for index, reason in reasons.items()
         if reason is None and isinstance(commit := commits[index], Commit)
     }
-    damaged = damages(place, {index: commit for index, commit in candidates.items() if index >= first_checked})
+    damaged = damages(location, {index: commit for index, commit in candidates.items() if index >= first_checked})
     outstanding |= {damage.profile_index: DAMAGED for damage in damaged}
     valid = {index: dict(commit.row) for index, commit in candidates.items() if index not in outstanding}
     faults = [

@@ -31,8 +31,8 @@ from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, consolidate, create_archive, write_mission_table
 from gliderhpc.store_schema.commits import is_begun
-from gliderhpc.store_schema.create import check_place, new_archive
-from gliderhpc.store_schema.place import Place, absolute, place_in_memory, remove_partial_files
+from gliderhpc.store_schema.create import check_location, new_archive
+from gliderhpc.store_schema.location import Location, absolute, location_in_memory, remove_partial_files
 from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.store_schema.schema import COMMITS, DISTURBANCE_PRIOR
 from gliderhpc.version import __version__
@@ -78,7 +78,7 @@ class MissionResult:
 
 def run_mission(
     prepared: PreparedMission,
-    store: Place,
+    store: Location,
     executor: Callable[[], ExecutorContext],
     *,
     existing: Existing = Existing.REFUSE,
@@ -160,7 +160,7 @@ def _examine(run: RunInputs, plan: MissionPlan, existing: Existing, check_last: 
         numbers, validity = examine_archive(run, plan, append, check_last)
         run = replace(run, amendable=validity.amendable)
         return run, _Task(numbers, validity, partial(_resume, run, attributes, plan, validity, append))
-    check_place(run.store, existing is Existing.OVERWRITE or not begun)
+    check_location(run.store, existing is Existing.OVERWRITE or not begun)
     profiles = list(plan.profiles)
     validity = Validity({}, dict.fromkeys(range(len(profiles)), MISSING))
     return run, _Task(profiles, validity, partial(new_archive, run.store, np.array(profiles), plan.sizes, attributes))
@@ -334,15 +334,15 @@ def invert_profile(
     check_engine(settings)
     check_seawater(platform, settings)
     plan = plan_mission(observations, settings, (number,))
-    with place_in_memory() as place:
-        create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
-        run = RunInputs(observations, platform, settings, str(place))
+    with location_in_memory() as location:
+        create_archive(location, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
+        run = RunInputs(observations, platform, settings, str(location))
         job = replace(run.job(((number, 0),), token=None), threads=default_workers())
         (result,) = run_batch(observations, job)
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
-        write_mission_table(place, {0: result.row})
+        write_mission_table(location, {0: result.row})
         # Without dask's threads, which would not run in a forked process.
-        with open_mission(place) as archive, dask.config.set(scheduler="synchronous"):
+        with open_mission(location) as archive, dask.config.set(scheduler="synchronous"):
             tree = archive.load()
     return tree.drop_nodes(COMMITS)

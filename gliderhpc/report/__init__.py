@@ -14,7 +14,7 @@ from gliderhpc.wording import speaks_python
 
 if TYPE_CHECKING:
     from gliderhpc.report.page import Written
-    from gliderhpc.store_schema.place import Place
+    from gliderhpc.store_schema.location import Location
 
 
 class _Report(ModuleType):
@@ -23,7 +23,7 @@ class _Report(ModuleType):
     @speaks_python
     def __call__(
         self,
-        store: "Place | Sequence[Place]",
+        store: "Location | Sequence[Location]",
         out: str | Path,
         *,
         profile: int | None = None,

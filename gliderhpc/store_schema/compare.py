@@ -14,7 +14,7 @@ import zarr
 from numpy.typing import NDArray
 
 from gliderhpc.store_schema.commits import Commit, array_at, label_of, read_commits, row_arrays, row_chunks
-from gliderhpc.store_schema.place import Place, group_at
+from gliderhpc.store_schema.location import Location, group_at
 from gliderhpc.store_schema.rows import read_attributes, read_profiles
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE
 from gliderhpc.wording import counted
@@ -83,7 +83,7 @@ class ArchiveComparison:
         return not (self.attributes or self.only_first or self.only_second or self.variables)
 
 
-def compare_archives(first: Place, second: Place) -> ArchiveComparison:
+def compare_archives(first: Location, second: Location) -> ArchiveComparison:
     """Compare the mission's groups of two archives; studies and computing times are excluded.
 
     Parameters
@@ -91,7 +91,7 @@ def compare_archives(first: Place, second: Place) -> ArchiveComparison:
     first, second : str or Path
         Archives of the current schema.
     """
-    numbers = [read_profiles(place) for place in (first, second)]
+    numbers = [read_profiles(location) for location in (first, second)]
     attributes = _without_file_name(read_attributes(first), read_attributes(second))
     both = sorted(set(numbers[0]) & set(numbers[1]))
     pairs = {number: (numbers[0].index(number), numbers[1].index(number)) for number in both}
@@ -135,10 +135,10 @@ def _table_differences(roots: list[zarr.Group], pairs: Mapping[int, tuple[int, i
 
 
 def _row_differences(
-    roots: list[zarr.Group], places: tuple[Place, Place], pairs: Mapping[int, tuple[int, int]]
+    roots: list[zarr.Group], locations: tuple[Location, Location], pairs: Mapping[int, tuple[int, int]]
 ) -> Iterator[Difference]:
     arrays = [row_arrays(root, MISSION) for root in roots]
-    commits = [read_commits(place) for place in places]
+    commits = [read_commits(location) for location in locations]
     for name in arrays[0]:
         first, second = ({name: of_archive[name]} for of_archive in arrays)
         values = (

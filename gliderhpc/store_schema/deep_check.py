@@ -26,7 +26,7 @@ from gliderhpc.store_schema.commits import (
     values_at,
 )
 from gliderhpc.store_schema.digests import Digests
-from gliderhpc.store_schema.place import Place, group_at, store_at
+from gliderhpc.store_schema.location import Location, group_at, store_at
 from gliderhpc.store_schema.rows import mission_columns, read_profiles
 from gliderhpc.store_schema.schema import COMMITS, DIGESTS, MANIFEST, Group
 from gliderhpc.store_schema.study_groups import studies_in, table_damages
@@ -60,12 +60,12 @@ def as_lines(faults: Iterable[Fault]) -> list[str]:
     return lines
 
 
-def damaged_chunks(place: Place) -> list[str]:
+def damaged_chunks(location: Location) -> list[str]:
     """List the damaged chunks of an archive of valid structure, with their remedies.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
 
     Returns
@@ -74,15 +74,15 @@ def damaged_chunks(place: Place) -> list[str]:
         One line for each chunk, with profile and variable, or one line for a profile with many; empty if all chunks are
         unchanged.
     """
-    return as_lines(_damaged(place))
+    return as_lines(_damaged(location))
 
 
-def missing_chunks(place: Place) -> list[str]:
+def missing_chunks(location: Location) -> list[str]:
     """List the missing chunks of an archive, and rows of its tables that differ from the commits; read nothing else.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
 
     Returns
@@ -90,17 +90,17 @@ def missing_chunks(place: Place) -> list[str]:
     list of str
         Lines like those of :func:`damaged_chunks`.
     """
-    return as_lines(_missing(place))
+    return as_lines(_missing(location))
 
 
-def committed_chunk_faults(place: Place, *, deep: bool) -> list[str]:
+def committed_chunk_faults(location: Location, *, deep: bool) -> list[str]:
     """List the chunks of committed profiles that are missing, in an archive of any minor version of the schema.
 
     The commits list the chunks, whatever the variables are. Tables and studies are not compared.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     deep : bool
         Also list the chunks whose digest is another one.
@@ -110,15 +110,15 @@ def committed_chunk_faults(place: Place, *, deep: bool) -> list[str]:
     list of str
         Lines like those of :func:`damaged_chunks`.
     """
-    return as_lines(_committed_chunk_faults(place, deep))
+    return as_lines(_committed_chunk_faults(location, deep))
 
 
-def _committed_chunk_faults(place: Place, deep: bool) -> Iterator[Fault]:
+def _committed_chunk_faults(location: Location, deep: bool) -> Iterator[Fault]:
     remedy = "resume it with the version of gliderhpc that made it, or run the mission again"
-    numbers, commits = read_profiles(place), read_commits(place)
+    numbers, commits = read_profiles(location), read_commits(location)
     for fault in _commit_faults(commits, numbers):
         yield replace(fault, remedy=remedy)
-    stored, store = stored_keys(place), store_at(place, read_only=True)
+    stored, store = stored_keys(location), store_at(location, read_only=True)
     for index, commit in _valid(commits).items():
         profile = f"profile {numbers[index]}"
         if not deep:
@@ -129,37 +129,37 @@ def _committed_chunk_faults(place: Place, deep: bool) -> Iterator[Fault]:
             yield Fault(profile, damage.variable, damage.what, remedy)
 
 
-def damaged_studies(place: Place) -> list[str]:
+def damaged_studies(location: Location) -> list[str]:
     """List the damaged chunks of finished studies, which a run cannot repair, as :func:`damaged_chunks` does."""
-    root = group_at(place)
-    return as_lines(_damaged_in_studies(place, root, read_profiles(place)))
+    root = group_at(location)
+    return as_lines(_damaged_in_studies(location, root, read_profiles(location)))
 
 
-def _damaged(place: Place) -> Iterator[Fault]:
-    numbers = read_profiles(place)
-    commits = read_commits(place)
+def _damaged(location: Location) -> Iterator[Fault]:
+    numbers = read_profiles(location)
+    commits = read_commits(location)
     valid = _valid(commits)
     yield from _commit_faults(commits, numbers)
-    for damage in damages(place, valid):
+    for damage in damages(location, valid):
         yield Fault(f"profile {numbers[damage.profile_index]}", damage.variable, damage.what, BY_RESUME)
-    root = group_at(place)
+    root = group_at(location)
     yield from _table_damages(root, numbers, valid, set(commits))
-    yield from _damaged_in_studies(place, root, numbers)
+    yield from _damaged_in_studies(location, root, numbers)
 
 
-def _damaged_in_studies(place: Place, root: zarr.Group, numbers: list[int]) -> Iterator[Fault]:
+def _damaged_in_studies(location: Location, root: zarr.Group, numbers: list[int]) -> Iterator[Fault]:
     for group, _ in studies_in(root, finished=True):
-        yield from _study_damages(place, root, group, numbers)
+        yield from _study_damages(location, root, group, numbers)
 
 
-def _missing(place: Place) -> Iterator[Fault]:
-    numbers = read_profiles(place)
-    commits = read_commits(place)
+def _missing(location: Location) -> Iterator[Fault]:
+    numbers = read_profiles(location)
+    commits = read_commits(location)
     yield from _commit_faults(commits, numbers)
-    stored = stored_keys(place)
+    stored = stored_keys(location)
     for index, commit in _valid(commits).items():
         yield from _missing_of(commit.manifest, stored, f"profile {numbers[index]}", BY_RESUME)
-    root = group_at(place)
+    root = group_at(location)
     yield from _table_damages(root, numbers, _valid(commits), set(commits))
     for group, node in studies_in(root, finished=True):
         yield from _missing_of_study(node, group, numbers, stored)
@@ -216,11 +216,11 @@ def _table_damages(
                     yield Fault(f"profile {numbers[index]}", COMMITS, "the marker is missing", BY_RESUME)
 
 
-def _study_damages(place: Place, root: zarr.Group, group: Group, numbers: list[int]) -> Iterator[Fault]:
+def _study_damages(location: Location, root: zarr.Group, group: Group, numbers: list[int]) -> Iterator[Fault]:
     """Compare a study's chunks with their digests when it was finished."""
     remedy = f"run {group.name} again"
-    store = store_at(place, read_only=True)
-    for damage in table_damages(place, group):
+    store = store_at(location, read_only=True)
+    for damage in table_damages(location, group):
         yield Fault("every profile", damage.variable, damage.what, remedy)
     arrays = row_arrays(root, [group])
     if not arrays:

@@ -27,7 +27,7 @@ from gliderhpc.store_schema.commits import (
 )
 from gliderhpc.store_schema.create import coordinate_values
 from gliderhpc.store_schema.digests import Digests, RecordingStore
-from gliderhpc.store_schema.place import Place, group_at, store_at
+from gliderhpc.store_schema.location import Location, group_at, store_at
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, Variable, group_called
 
 MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"
@@ -66,12 +66,12 @@ class ArchiveRows:
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     """
 
-    def __init__(self, place: Place) -> None:
-        self._store = RecordingStore(store_at(place))
+    def __init__(self, location: Location) -> None:
+        self._store = RecordingStore(store_at(location))
         self._root = zarr.open_group(self._store, mode="r+", use_consolidated=False)
         self._arrays: dict[str, AsyncArray] = {}
 
@@ -171,12 +171,12 @@ class ArchiveRows:
         return {name: self._arrays[name] for name in names}
 
 
-def read_attributes(place: Place) -> dict[str, Any]:
+def read_attributes(location: Location) -> dict[str, Any]:
     """Read the root attributes of an archive."""
-    return dict(group_at(place).attrs)
+    return dict(group_at(location).attrs)
 
 
-def read_profiles(place: Place) -> list[int]:
+def read_profiles(location: Location) -> list[int]:
     """Read the numbers of an archive's profiles, in the order of its profile dimension.
 
     Every group repeats them; those of the first group in which they are readable and increasing are returned.
@@ -186,7 +186,7 @@ def read_profiles(place: Place) -> list[int]:
     ValueError
         They are damaged in every group.
     """
-    root = group_at(place)
+    root = group_at(location)
     for group in MISSION:
         try:
             numbers = np.asarray(array_at(root, label_of(group.name, PROFILE))[:])
@@ -194,19 +194,19 @@ def read_profiles(place: Place) -> list[int]:
             continue
         if numbers.size == 1 or (np.diff(numbers) > 0).all():
             return [int(number) for number in numbers]
-    raise ValueError(f"{place}: the profiles' numbers are damaged in every group")
+    raise ValueError(f"{location}: the profiles' numbers are damaged in every group")
 
 
 Rows = Mapping[int, Mapping[str, Any]]
 """Values by position along the profile dimension and by variable (``GROUP/NAME``, at the root ``NAME``)."""
 
 
-def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
+def write_table_rows(location: Location, rows: Rows, group: str = "/") -> None:
     """Write values into a group's table of profiles; only for the coordinator, since all profiles share a chunk.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     rows : mapping of int to mapping of str to value
         Values by position along the profile dimension (from 0) and by variable, ``GROUP/NAME`` for one of a subgroup;
@@ -222,7 +222,7 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
     ValueError
         A position is outside the archive.
     """
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     for name in dict.fromkeys(name for row in rows.values() for name in row):
         subgroup, _, column_name = name.rpartition("/")
         owner = subgroup or group
@@ -237,17 +237,17 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
         array[:] = column
 
 
-def write_mission_table(place: Place, rows: Rows) -> None:
+def write_mission_table(location: Location, rows: Rows) -> None:
     """Write the whole table of the mission; profiles and values that are not given become missing.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     rows : mapping of int to mapping of str to value
         Rows as for `write_table_rows` at the root.
     """
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     size = array_at(root, PROFILE).shape[0]
     columns = dict(mission_columns(rows, size))
     write_values((array, ..., columns[name]) for name, array in writable_arrays(root, columns).items())
@@ -266,21 +266,21 @@ def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]
             yield name, column
 
 
-def write_coordinates(place: Place) -> None:
+def write_coordinates(location: Location) -> None:
     """Rewrite the mission's coordinates, with the profiles' numbers of `read_profiles`."""
-    numbers = np.array(read_profiles(place), dtype=np.int64)
-    root = group_at(place, writable=True)
+    numbers = np.array(read_profiles(location), dtype=np.int64)
+    root = group_at(location, writable=True)
     coordinates = {label_of(group.name, v.name): v for group in MISSION for v in group.variables if v.dims == (v.name,)}
     for name, array in arrays_at(root, list(coordinates)).items():
         array[:] = coordinate_values(coordinates[name], numbers, array.shape[0])
 
 
-def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> None:
+def write_whole(location: Location, group: str, values: Mapping[str, ArrayLike]) -> None:
     """Write whole variables that do not belong to profiles; only for the coordinator.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     group : str
         Name of a study's group.
@@ -295,7 +295,7 @@ def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> No
     ValueError
         The shape differs, or the variable belongs to profiles.
     """
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     for name, content in values.items():
         variable = group_called(group)[name]
         if variable.dims[0] == PROFILE:

@@ -34,21 +34,21 @@ class VerifiedStore(WrapperStore[Store]):
     ----------
     store : zarr.abc.store.Store
         Store of the archive.
-    place : str
+    location : str
         Name of the archive in messages.
     """
 
     # Newer versions of zarr bypass `get` where a store supports synchronous access.
     _supports_sync_io = False
 
-    def __init__(self, store: Store, place: str) -> None:
+    def __init__(self, store: Store, location: str) -> None:
         super().__init__(store)
-        self._place = place
+        self._location = location
         self._manifests: dict[tuple[str | None, int], Digests | None] = {}
         self._tables: dict[str, Digests] = {}
 
     def _with_store(self, store: Store) -> VerifiedStore:
-        return VerifiedStore(store, self._place)
+        return VerifiedStore(store, self._location)
 
     async def get(
         self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
@@ -79,7 +79,7 @@ class VerifiedStore(WrapperStore[Store]):
                     raise InputError(await self._message(index, variable, digest))
         elif self._differs(await self._table_digests(variable), key, digest):
             study = variable.partition("/")[0]
-            raise InputError(f"{self._place}: {variable}: the chunk is {_state(digest)}; run {study} again")
+            raise InputError(f"{self._location}: {variable}: the chunk is {_state(digest)}; run {study} again")
 
     @staticmethod
     def _differs(expected: Digests | None, key: str, digest: str | None) -> bool:
@@ -100,7 +100,7 @@ class VerifiedStore(WrapperStore[Store]):
         except UNREADABLE as error:
             commit = first_line(error)
         if isinstance(commit, str):
-            raise InputError(f"{self._place}: profile {await self._number(index)}, {COMMITS}: {commit}; {BY_RESUME}")
+            raise InputError(f"{self._location}: profile {await self._number(index)}, {COMMITS}: {commit}; {BY_RESUME}")
         return None if commit is None else commit.manifest
 
     async def _study(self, study: str, index: int) -> Digests | None:
@@ -129,7 +129,7 @@ class VerifiedStore(WrapperStore[Store]):
         study = _ROWS[variable]
         remedy = BY_RESUME if study is None else f"run {study} again"
         number = await self._number(index)
-        return f"{self._place}: profile {number}, {variable}: the chunk is {_state(digest)}; {remedy}"
+        return f"{self._location}: profile {number}, {variable}: the chunk is {_state(digest)}; {remedy}"
 
     async def _number(self, index: int) -> int:
         array = await zarr_async.open_array(store=self._store, path=PROFILE, mode="r")

@@ -13,7 +13,7 @@ from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.settings import SettingsModel, build_settings_of, parse_assignments
-from gliderhpc.store_schema.place import is_address
+from gliderhpc.store_schema.location import is_address
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from gliderhpc.report.page.content import (
 )
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.report.studies import SHOWN, show_study, studies_in, study_title
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.wording import counted
 
@@ -58,7 +58,7 @@ def study_names() -> list[str]:
     return [*HEADINGS, *(name for name in SHOWN if name not in HEADINGS)]
 
 
-def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> Section:
+def study_section(name: str, archive: Archive, summary: Summary, place: Location) -> Section:
     """Return the section of one study: its findings, or the reason why there are none and the command for them."""
     heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)
