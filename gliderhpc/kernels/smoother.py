@@ -5,8 +5,8 @@ few steps, between samples. The path is free in the first row of every segment; 
 path's disturbances. The defect of a row is the difference between the run from the previous row and the row itself. In
 deviations from the path the problem is linear (`gliderhpc.kernels.smoother_segments`). The forward sweep solves it up
 to each row, and the backward sweep adds the information of the later samples (Bierman's modified Bryson-Frazier form).
-What the backward sweep needs of the forward one is kept on a tape: to compute it twice takes longer than to read it
-from memory.
+Intermediate results of the forward sweep that the backward one needs are stored on a tape: computing them twice would
+take longer than reading them from memory.
 """
 
 import math
@@ -82,7 +82,7 @@ def _residual(problem, states, k, channel):
 
 @inner_kernel
 def _assimilate(problem, states, k, block, at, gate, tally):
-    """Update row ``at`` of the block with the channels of sample ``k`` in turn; variances are inflated to the gate."""
+    """Update row ``at`` of the block with the channels of sample ``k``, one by one; inflate variances to the gate."""
     clear(block.information[at])
     if not problem.fed[k]:
         return

@@ -1,4 +1,4 @@
-"""The profile's maximum a posteriori problem: its measurements, its priors, its start, and the sweeps that solve it.
+"""The maximum a posteriori problem of a profile: measurements, priors, start, and the sweeps that solve it.
 
 The unknowns are the initial state and the six disturbances, first-order Gauss-Markov sequences from which the flight
 model computes the trajectory. The samples used and their variances are fixed before the iteration, which makes the
@@ -105,11 +105,10 @@ def pose_problem(
     -----
     Gusts from the side change the side force and the moments together, within seconds. With the usual prior, in which
     they are slow and independent, the roll caused by gusts appears to determine speed and lift: on twins in gusts, with
-    the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a factor of
-    the profile's own since the record hardly resolves it, and the roll has a larger variance. Then the error is 0.004
-    m/s. Where yaw moments also act in bursts, the noise of the yaw moment has no factor of the profile's own either: a
-    factor follows from the quiet stretches, and the bursts then seem to determine the speed, which was wrong by 0.02
-    m/s.
+    the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, and the roll has a
+    larger variance; the error is then 0.004 m/s. The noise of the side force is not scaled to the profile, since the
+    record hardly resolves it. Nor is that of the yaw moment if yaw moments also act in bursts: the scale would follow
+    from the quiet stretches, and the bursts would then seem to determine the speed, which was wrong by 0.02 m/s.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior, series.attitude_interval)
@@ -375,15 +374,15 @@ class Damping:
     Notes
     -----
     Near rest the angle of attack varies by tens of degrees within the velocity's uncertainty, and a Gauss-Newton move
-    overshoots there, whereas the rest of the profile needs the whole move. To shorten it more and more would delay the
-    whole profile because of a few seconds. Therefore velocities and rates are damped towards the trajectory, with the
+    overshoots there, whereas the rest of the profile needs the whole move. Shortening the move would delay the whole
+    profile because of a few seconds. Therefore velocities and rates are damped towards the trajectory, with the
     deviations of the initial state's prior over the square root of a strength. Rows that the record determines better
     than that hardly change (Särkkä and Svensson 2020, Levenberg-Marquardt and line-search extended Kalman smoothers,
     ICASSP 2020, 5875-5879).
     """
 
     def __init__(self, problem: SmootherProblem) -> None:
-        self._dive = problem
+        self._problem = problem
         self._variance = np.square(problem.deviation[4:10])
         self.set(0.0)
 
@@ -400,7 +399,7 @@ class Damping:
     def set(self, strength: float) -> None:
         """Set the strength of the damping; below the smallest strength there is none."""
         self.strength = strength if strength >= _WEAKEST else 0.0
-        self._dive.damping[:] = self._variance / self.strength if self.active else np.inf
+        self._problem.damping[:] = self._variance / self.strength if self.active else np.inf
 
     def loosen(self) -> None:
         """Damp less, as after a successful move."""
