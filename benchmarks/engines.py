@@ -200,7 +200,7 @@ def _solve_stream(windows: Sequence[Window], settings: EstimationSettings, run: 
         for lane in range(LANES):
             if lane not in at_work and (posed := next(waiting, None)) is not None:
                 at_work[lane], window = posed
-                batch.put(lane, (window.data, window.start))
+                batch.load(lane, (window.data, window.start))
         if not at_work:
             return [answers[number] for number in range(len(windows))]
         for lane, solution in batch.run():

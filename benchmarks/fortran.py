@@ -59,7 +59,7 @@ with open(path, "rb") as file:
     settings, tasks = pickle.load(file)
 batch = LaneBatch(settings, FortranRun() if engine == "fortran" else run_until_done)
 for lane, task in enumerate(tasks):
-    batch.put(lane, task)
+    batch.load(lane, task)
 batch.run()
 """
 _FIRST_PROFILE = """

@@ -17,8 +17,8 @@ from gliderhpc import Glider
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
-from gliderhpc.estimation.smoother.information import DiveInformation
-from gliderhpc.estimation.smoother.posterior import after_dive, with_hull_errors
+from gliderhpc.estimation.smoother.information import HullInformation
+from gliderhpc.estimation.smoother.posterior import posterior_errors, with_hull_errors
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
@@ -92,7 +92,7 @@ def fly_twin(true: Platform, kind: str, seed: int) -> Twin | None:
         return None
     profile, smoothed, information = own.profile, own.smoothed, own.information
     series, every = profile.series, settings.steps_per_record
-    after = after_dive(stated_errors(hull, information.parameters), information)
+    after = posterior_errors(stated_errors(hull, information.parameters), information)
     states = np.column_stack([np.interp(series.time, truth.time, column) for column in truth.states.T])
     edges = np.arange(len(truth.disturbances) + 1, dtype=np.float64) * truth.step
     disturbances = averages_between(truth.disturbances, edges, series.time)
@@ -114,7 +114,7 @@ def fly_twin(true: Platform, kind: str, seed: int) -> Twin | None:
 
 
 def _by_way(
-    smoothed: SmoothedEstimate, information: DiveInformation, errors: HullErrors
+    smoothed: SmoothedEstimate, information: HullInformation, errors: HullErrors
 ) -> Iterator[tuple[str, SmoothedEstimate]]:
     yield "believed", smoothed
     for way in ("held", "corrected"):

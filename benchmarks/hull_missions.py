@@ -17,8 +17,8 @@ from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.information import DiveInformation, smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.information import HullInformation, smoothed_hull_information
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.observations.records import ProfileRecord
@@ -66,7 +66,7 @@ class SmoothedRecord:
 
     profile: PreparedProfile
     smoothed: SmoothedEstimate
-    information: DiveInformation
+    information: HullInformation
 
 
 def smooth_record(record: ProfileRecord, hull: Platform, settings: EstimationSettings) -> SmoothedRecord | None:
@@ -76,10 +76,10 @@ def smooth_record(record: ProfileRecord, hull: Platform, settings: EstimationSet
         filtered = run_filter(profile, settings)
     except ProfileError:
         return None
-    smoothed = smooth_dive(profile, filtered, settings)
+    smoothed = run_smoother(profile, filtered, settings)
     if smoothed.last_pass is None:
         return None
-    information = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
+    information = smoothed_hull_information(profile, smoothed, smoothed.last_pass, settings)
     return SmoothedRecord(profile, smoothed, information)
 
 

@@ -9,7 +9,7 @@ from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_allocation import allocate_block, allocate_segments
-from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive
+from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, SmootherProblem
 from gliderhpc.kernels.smoother_segments import linearise_segments
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class LinearDive:
     variance: Array
 
 
-def linear_dive(hull: Hull, dive: Dive, path: Trajectory, rows: NDArray[np.int64]) -> LinearDive:
+def linear_dive(hull: Hull, dive: SmootherProblem, path: Trajectory, rows: NDArray[np.int64]) -> LinearDive:
     """Linearise a dive about a path whose rows inside the segments are the model's run already."""
     count = len(rows) - 1
     segments, block, tally = allocate_segments(rows), allocate_block(), np.zeros(LOG_DETERMINANT + 1)

@@ -20,7 +20,7 @@ from gliderhpc.estimation.filter import run_filters
 from gliderhpc.estimation.preparation import by_density, prepare_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import depth_rate
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
 from gliderhpc.observations.profile_numbers import select_profiles
@@ -74,7 +74,7 @@ def heaves(platform: Platform, records: Iterable[ProfileRecord], way: str) -> tu
             raise prior
         if by_density(platform, profile.series) != (way == "density"):
             raise ProfileError(f"profile {profile.series.number} does not go by {way}")
-        smooth = smooth_dive(profile, prior, settings)
+        smooth = run_smoother(profile, prior, settings)
         last = smooth.disturbances[-1:, HEAVE]
         estimates = prior.disturbances[:, HEAVE], np.append(smooth.disturbances[:, HEAVE], last)
         for found, estimate in zip((filtered, smoothed), estimates, strict=True):

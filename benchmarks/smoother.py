@@ -16,10 +16,10 @@ from gliderhpc import Glider, load_platform
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.problem import Sweeps, Trajectory
 from gliderhpc.kernels.parameters import Hull
-from gliderhpc.kernels.smoother_memory import Backward, Dive
+from gliderhpc.kernels.smoother_memory import Backward, SmootherProblem
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -65,16 +65,18 @@ def smoother_rows(settings: EstimationSettings, depth: float, repetitions: int) 
     }
 
 
-def _smoothed_dive(settings: EstimationSettings, depth: float) -> tuple[Hull, Dive, Trajectory, Callable[[], object]]:
+def _smoothed_dive(
+    settings: EstimationSettings, depth: float
+) -> tuple[Hull, SmootherProblem, Trajectory, Callable[[], object]]:
     """Hull, problem and path of a synthetic dive after its last pass, and the call that smooths it from the filter's."""
     glider = Glider(load_platform(PLATFORM))
     profile = prepare_profile(glider, twin_series(settings, depth))
     filtered = estimate_profile(profile, settings).filtered
-    smoothed = smooth_dive(profile, filtered, settings)
+    smoothed = run_smoother(profile, filtered, settings)
     last = np.vstack([smoothed.disturbances, smoothed.disturbances[-1]])
     path = Trajectory(smoothed.states.copy(), last)
     assert smoothed.last_pass is not None
-    return glider.hull, smoothed.last_pass.dive, path, lambda: smooth_dive(profile, filtered, settings)
+    return glider.hull, smoothed.last_pass.problem, path, lambda: run_smoother(profile, filtered, settings)
 
 
 def _largest_difference(found: Backward, peer: tuple[Array, Array]) -> float:

@@ -183,7 +183,11 @@ def render(template: str, **values: Any) -> str:
     tables = (bias_table, biases, budget_table, comparisons, constants_table, coverage_table, detection_matrix)
     others = (error_table, made_by, sweep_table, transfer_table)
     environment.filters |= {function.__name__: function for function in (*tables, *others)}
-    environment.filters |= {"g": "{:g}".format, "one_line": lambda text: " ".join(text.split()) + "\n"}
+    environment.filters |= {
+        "g": "{:g}".format,
+        "number": number,
+        "one_line": lambda text: " ".join(text.split()) + "\n",
+    }
     return environment.get_template(template).render(values).rstrip()
 
 

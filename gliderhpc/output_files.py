@@ -1,4 +1,4 @@
-"""Output files and folders: checked before the work, written under a temporary name, and renamed when complete."""
+"""Output files and folders: checked in advance, written under a temporary name, and renamed when complete."""
 
 import os
 import secrets
@@ -81,9 +81,9 @@ def check_parents(out: Path, instead: str) -> None:
     InputError
         The path goes through a file as if it were a folder; the message names that file.
     """
-    there = next((path for path in _target(out).parents if path.exists()), None)
-    if there is not None and not there.is_dir():
-        raise InputError(f"{out}: cannot be written, {there} is a file and not a folder; give {instead}")
+    parent = next((path for path in _target(out).parents if path.exists()), None)
+    if parent is not None and not parent.is_dir():
+        raise InputError(f"{out}: cannot be written, {parent} is a file and not a folder; give {instead}")
 
 
 def fault_of_name(path: Path) -> str:
@@ -173,12 +173,12 @@ def _target(out: Path) -> Path:
 
 def _check_no_input(out: Path, inputs: Iterable[Path | str], instead: str) -> None:
     target = _target(out)
-    for given in map(Path, inputs):
-        if out.exists() and given.exists() and out.samefile(given):
+    for source in map(Path, inputs):
+        if out.exists() and source.exists() and out.samefile(source):
             raise InputError(f"{out}: is one of the inputs; give {instead}")
-        store = _target(given)
+        store = _target(source)
         if store in target.parents and any((store / mark).exists() for mark in _ZARR_MARKS):
-            raise InputError(f"{out}: lies within the input {given}; give {instead}")
+            raise InputError(f"{out}: lies within the input {source}; give {instead}")
 
 
 def link_unless_there(aside: Path, target: Path) -> None:
@@ -225,14 +225,14 @@ def check_folder(out: Path) -> None:
     InputError
         The folder or a parent is a file, a dangling link, or a folder without write access.
     """
-    there = next(path for path in (out, *out.absolute().parents) if os.path.lexists(path))
-    if not there.exists():
-        raise InputError(f"{out}: cannot be written, {there} is a broken link; remove it or give another `out`")
-    if not there.is_dir():
-        raise InputError(f"{out}: cannot be written, {there} is not a folder; give another `out`")
-    if not os.access(there, os.W_OK | os.X_OK):
+    existing = next(path for path in (out, *out.absolute().parents) if os.path.lexists(path))
+    if not existing.exists():
+        raise InputError(f"{out}: cannot be written, {existing} is a broken link; remove it or give another `out`")
+    if not existing.is_dir():
+        raise InputError(f"{out}: cannot be written, {existing} is not a folder; give another `out`")
+    if not os.access(existing, os.W_OK | os.X_OK):
         raise InputError(
-            f"{out}: cannot be written, you have no write permission in the folder {there}; give another `out`"
+            f"{out}: cannot be written, you have no write permission in the folder {existing}; give another `out`"
         )
 
 

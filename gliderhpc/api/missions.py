@@ -23,7 +23,7 @@ from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.store_schema.location import Location, is_address
 from gliderhpc.tuning.record_checks import inspect_records
 
 log = logging.getLogger("gliderhpc.run")
@@ -84,7 +84,7 @@ def invert(
 def run_mission(
     records: Records,
     hull: HullArgument,
-    store: Place,
+    store: Location,
     *,
     profiles: Profiles = None,
     workers: int | None = None,
@@ -166,7 +166,7 @@ def _no_progress(_: int) -> AbstractContextManager[Callable[[], None]]:
 
 def invert_prepared(
     prepared: PreparedMission,
-    store: Place,
+    store: Location,
     cluster: ClusterAddress | None = None,
     *,
     existing: Existing = Existing.REFUSE,

@@ -29,8 +29,8 @@ from gliderhpc.store_schema import (
     read_attributes,
     structure_differences,
 )
+from gliderhpc.store_schema.location import Location, describe_other, is_empty, own_metadata, root_content, store_at
 from gliderhpc.store_schema.maintenance import OUTDATED
-from gliderhpc.store_schema.place import Place, describe_other, is_empty, own_metadata, root_content, store_at
 from gliderhpc.store_schema.rows import mission_columns
 from gliderhpc.store_schema.schema import COMPLETE, PROFILE
 from gliderhpc.store_schema.verified import VerifiedStore
@@ -87,7 +87,7 @@ class Summary:
         Computing time of all profiles, s.
     """
 
-    path: Place
+    path: Location
     attributes: Mapping[str, Any]
     statuses: Mapping[str, int]
     messages: Mapping[int, tuple[str, str]]
@@ -100,7 +100,7 @@ class Summary:
     run_seconds: float
 
 
-def check_is_path(place: Any, name: str = "archive") -> None:
+def check_is_path(location: Any, name: str = "archive") -> None:
     """Require a string or path; `name` is the argument named in the message.
 
     Raises
@@ -108,11 +108,11 @@ def check_is_path(place: Any, name: str = "archive") -> None:
     InputError
         It is neither a string nor a path.
     """
-    if not isinstance(place, str | PathLike):
-        raise InputError(f"{name}: give its path, not a {type(place).__name__}")
+    if not isinstance(location, str | PathLike):
+        raise InputError(f"{name}: give its path, not a {type(location).__name__}")
 
 
-def open_mission(path: Place) -> xr.DataTree:
+def open_mission(path: Location) -> xr.DataTree:
     """Open a mission's archive lazily.
 
     Parameters
@@ -153,7 +153,7 @@ def open_mission(path: Place) -> xr.DataTree:
         return tree
 
 
-def open_for_reading(path: Place) -> ArchiveReader:
+def open_for_reading(path: Location) -> ArchiveReader:
     """Open an archive like `open_mission`, but without Dask and with each group opened on first use.
 
     Opening takes a fifth of the time, and reading a profile or two takes half of the time. Values are also read on use,
@@ -165,7 +165,7 @@ def open_for_reading(path: Place) -> ArchiveReader:
         return archive.with_columns(_committed_columns(path, archive.profile_count))
 
 
-def _nodes(path: Place) -> dict[str, Node]:
+def _nodes(path: Location) -> dict[str, Node]:
     """Return an archive's groups by path, with the empty path for the root."""
     store = _store(path)
     content = root_content(store_at(path, read_only=True))
@@ -187,7 +187,7 @@ def _metadata(content: bytes) -> ConsolidatedMetadata:
     return ConsolidatedMetadata(content)
 
 
-def _store(path: Place) -> Any:
+def _store(path: Location) -> Any:
     if is_empty(path):
         raise InputError(f"{path}: no such archive; give the folder that `gliderhpc run-mission` wrote")
     if not is_archive(path):
@@ -195,7 +195,7 @@ def _store(path: Place) -> Any:
     return VerifiedStore(store_at(path, read_only=True), str(path))
 
 
-def _check_attributes(path: Place, attributes: Mapping[Any, Any]) -> None:
+def _check_attributes(path: Location, attributes: Mapping[Any, Any]) -> None:
     version = str(attributes.get("schema_version", "none"))
     if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
         raise InputError(
@@ -206,20 +206,20 @@ def _check_attributes(path: Place, attributes: Mapping[Any, Any]) -> None:
         raise InputError(f"{path}: damaged: {fault}; run the mission again")
 
 
-def _committed_columns(path: Place, count: int) -> Columns:
+def _committed_columns(path: Location, count: int) -> Columns:
     """Return the tables' columns from the profiles' commits, which are newer than the tables after a killed run."""
     return dict(mission_columns(committed_rows(path), count))
 
 
 @contextmanager
-def archive_errors(*places: Place) -> Iterator[None]:
+def archive_errors(*locations: Location) -> Iterator[None]:
     """Convert errors from a damaged or unreadable archive to an `InputError` of one line; re-raise all others.
 
     All commands read archives in this context.
 
     Parameters
     ----------
-    *places : str or Path
+    *locations : str or Path
         Archives to be read.
 
     Raises
@@ -232,30 +232,30 @@ def archive_errors(*places: Place) -> Iterator[None]:
     except GliderhpcError:
         raise
     except Exception as error:
-        for place in places:
-            fault = _describe_fault(place, error)
+        for location in locations:
+            fault = _describe_fault(location, error)
             if fault:
-                raise InputError(f"{place}: {fault}") from error
+                raise InputError(f"{location}: {fault}") from error
         raise
 
 
-def _describe_fault(place: Place, error: Exception) -> str:
+def _describe_fault(location: Location, error: Exception) -> str:
     """Describe the fault of an archive that could not be read; empty if it is intact."""
     if isinstance(error, OSError):
-        if error.errno in _FILE_SYSTEM_ERRORS and str(error.filename or "").startswith(str(place)):
+        if error.errno in _FILE_SYSTEM_ERRORS and str(error.filename or "").startswith(str(location)):
             return f"cannot be read ({error.filename}: {error.strerror})"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             return ""
     if type(error).__module__.startswith("obstore"):
         return f"cannot be read ({first_line(error)})"
     try:
-        if other := other_version(place):
+        if other := other_version(location):
             return other
         damages = (
-            structure_differences(place, studies=False)
-            or damaged_chunks(place)
-            or [line for line in check_archive(place) if _INTERRUPTED not in line]
-            or list(attribute_faults(read_attributes(place), complete=True))
+            structure_differences(location, studies=False)
+            or damaged_chunks(location)
+            or [line for line in check_archive(location) if _INTERRUPTED not in line]
+            or list(attribute_faults(read_attributes(location), complete=True))
         )
     except GliderhpcError:
         raise
@@ -279,7 +279,7 @@ def attribute_faults(attributes: Mapping[Any, Any], complete: bool = False) -> I
             yield f"the root attribute {name} is {attributes[name]}, not a positive number"
 
 
-def describe(path: Place) -> Summary:
+def describe(path: Location) -> Summary:
     """Summarise an archive from its metadata and its table of profiles only.
 
     Parameters

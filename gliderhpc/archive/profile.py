@@ -333,16 +333,16 @@ def _rows(archive: Archive, numbers: Sequence[int]) -> list[dict[str, Any]]:
     rows = [{name: values[i] for name, values in columns.items()} for i in range(len(numbers))]
     for number, row in zip(numbers, rows, strict=True):
         if str(row["status"]) != "done":
-            why = f": {row['message']}" if row["message"] else ""
-            raise InputError(f"profile {number} is {row['status']}, so there is nothing to show{why}")
+            reason = f": {row['message']}" if row["message"] else ""
+            raise InputError(f"profile {number} is {row['status']}, so there is nothing to show{reason}")
     return rows
 
 
 def _group_row(archive: Archive, group: str, number: int, *names: str) -> xr.Dataset:
-    """Read a profile's row of those of some variables that a group has, of all by default."""
+    """Read a profile's row of the named variables that a group has, or of all its variables."""
     dataset = archive[group].to_dataset()
-    wanted = [name for name in names if name in dataset] if names else list(dataset.data_vars)
-    return dataset[wanted].sel(profile=number).load()
+    selected = [name for name in names if name in dataset] if names else list(dataset.data_vars)
+    return dataset[selected].sel(profile=number).load()
 
 
 def _group_of(archive: Archive, estimate: str) -> str:

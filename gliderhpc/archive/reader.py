@@ -19,7 +19,7 @@ from zarr.core.group import GroupMetadata
 from zarr.storage import StorePath
 
 from gliderhpc.store_schema.commits import array_at
-from gliderhpc.store_schema.place import CONSOLIDATED, parsed_root
+from gliderhpc.store_schema.location import CONSOLIDATED, parsed_root
 from gliderhpc.store_schema.schema import PROFILE
 
 Columns = Mapping[str, NDArray[Any]]
@@ -62,12 +62,12 @@ class ConsolidatedMetadata:
     Attributes
     ----------
     is_consolidated : bool
-        False if only the root's own metadata are present.
+        False if only the root's own metadata is present.
 
     Raises
     ------
     ValueError, KeyError, TypeError
-        The metadata are damaged.
+        The metadata is damaged.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -75,23 +75,23 @@ class ConsolidatedMetadata:
         consolidated = root.pop(CONSOLIDATED, None)
         self.is_consolidated = consolidated is not None
         members: dict[str, dict[str, Any]] = consolidated["metadata"] if self.is_consolidated else {}
-        self._own = {"": root} | {path: own for path, own in members.items() if own["node_type"] == "group"}
-        self._members: dict[str, dict[str, Any]] = {path: {} for path in self._own}
+        self._groups = {"": root} | {path: node for path, node in members.items() if node["node_type"] == "group"}
+        self._members: dict[str, dict[str, Any]] = {path: {} for path in self._groups}
         for path, member in members.items():
-            if path not in self._own:
+            if path not in self._groups:
                 group, _, name = path.rpartition("/")
                 self._members[group][name] = member
         self._parsed: dict[str, GroupMetadata] = {}
 
     def nodes(self, store: Store) -> dict[str, Node]:
         """Return all groups by path in a store; the path of the root is empty."""
-        opening = {path: partial(self._open, store, path) for path in self._own}
-        return {path: Node(path, own["attributes"], opening[path]) for path, own in self._own.items()}
+        opening = {path: partial(self._open, store, path) for path in self._groups}
+        return {path: Node(path, group["attributes"], opening[path]) for path, group in self._groups.items()}
 
     def _open(self, store: Store, path: str) -> zarr.Group:
         if path not in self._parsed:
             members = {"kind": "inline", "must_understand": False, "metadata": self._members[path]}
-            self._parsed[path] = GroupMetadata.from_dict({**self._own[path], CONSOLIDATED: members})
+            self._parsed[path] = GroupMetadata.from_dict({**self._groups[path], CONSOLIDATED: members})
         return zarr.Group(zarr.AsyncGroup(metadata=self._parsed[path], store_path=StorePath(store, path)))
 
 
@@ -167,12 +167,12 @@ Archive = xr.DataTree | ArchiveReader
 
 def with_committed_rows(dataset: xr.Dataset, group: str, columns: Columns) -> xr.Dataset:
     """Return a group with some columns of its tables replaced; the same dataset if none is replaced."""
-    own = {
+    replaced = {
         name: _with_values(str(name), stored, columns[label])
         for name, stored in dataset.variables.items()
         if (label := f"{group}/{name}".lstrip("/")) in columns
     }
-    return dataset.assign(own) if own else dataset
+    return dataset.assign(replaced) if replaced else dataset
 
 
 def _with_values(name: str, stored: xr.Variable, column: NDArray[Any]) -> xr.Variable:

@@ -27,7 +27,7 @@ from gliderhpc.store_schema import (
     version_note,
 )
 from gliderhpc.store_schema.compare import compare_archives
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import counted
 
 SHOWN_MESSAGES = 20
@@ -36,7 +36,7 @@ SHOWN_MESSAGES = 20
 @click.command("info", cls=Verb)
 @click.argument("archive", type=options.PLACE)
 @click.option("--all-messages", is_flag=True, help=f"Show every profile's message, not the first {SHOWN_MESSAGES}.")
-def info(archive: Place, all_messages: bool) -> int:
+def info(archive: Location, all_messages: bool) -> int:
     """Summarise ARCHIVE: mission, platform, settings, profiles by status, groups, messages, median current.
 
     Exit status 1: chunks are missing; a line at the end names each of them and the command that repairs it.
@@ -124,7 +124,7 @@ def _messages(summary: Summary, shown: int | None) -> Table:
 @click.command("check", cls=Verb)
 @click.argument("archive", type=options.PLACE)
 @click.option("--deep", is_flag=True, help="Also compare every chunk with the digest recorded when it was written.")
-def check(archive: Place, deep: bool) -> int:
+def check(archive: Location, deep: bool) -> int:
     """Compare ARCHIVE with the schema: groups, dimensions, variables, types, units, chunks, coordinates.
 
     It also looks for missing chunks, and compares the tables with the commits of the profiles. Exit status 1: there are
@@ -157,7 +157,7 @@ def check(archive: Place, deep: bool) -> int:
     return 0
 
 
-def _differences(archive: Place, deep: bool) -> list[str]:
+def _differences(archive: Location, deep: bool) -> list[str]:
     """List the differences from the schema, else faults of attributes, else missing or, if `deep`, damaged chunks."""
     differences = check_archive(archive) or list(attribute_faults(read_attributes(archive)))
     return differences or (damaged_chunks(archive) if deep else missing_chunks(archive))
@@ -169,7 +169,7 @@ SHOWN_PROFILES = 12
 @click.command("compare", cls=Verb)
 @click.argument("first", type=options.PLACE)
 @click.argument("second", type=options.PLACE)
-def compare(first: Place, second: Place) -> int:
+def compare(first: Location, second: Location) -> int:
     """List the differences between two runs: settings, platform, profiles, and where and how much variables differ.
 
     Exit status 0: nothing differs except computing times; 1: something does.

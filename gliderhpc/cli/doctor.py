@@ -9,7 +9,7 @@ from gliderhpc.cli import options
 from gliderhpc.cli.main import DONE, FAILED
 from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.mission.doctor import Check, State, examine
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 
 
 @click.command("doctor", cls=Verb)
@@ -22,7 +22,7 @@ from gliderhpc.store_schema.place import Place
 )
 @options.scheduler_option
 @options.scheduler_file_option
-def doctor(store: Place, scheduler: str | None, scheduler_file: Path | None) -> int:
+def doctor(store: Location, scheduler: str | None, scheduler_file: Path | None) -> int:
     """Check a run's requirements: versions, processor, compiled kernels, write access, disk, a cluster, extras.
 
     Exit status 1: something that a run needs is missing; its line names the remedy. Items marked absent are optional.

@@ -19,7 +19,7 @@ from gliderhpc.platform import shipped_platforms
 from gliderhpc.shipped import nearest
 
 if TYPE_CHECKING:
-    from gliderhpc.store_schema.place import Place
+    from gliderhpc.store_schema.location import Location
 
 Command = Callable[..., Any]
 
@@ -29,10 +29,10 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
 
     name = "archive"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Place":
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Location":
         """Return an address unchanged, and a folder as a path."""
         # This imports zarr, which verbs without an archive do not need.
-        from gliderhpc.store_schema.place import is_address
+        from gliderhpc.store_schema.location import is_address
 
         return str(value) if is_address(value) else Path(value)
 

@@ -13,7 +13,7 @@ from gliderhpc.report.exports.deployment import read_deployment
 from gliderhpc.report.exports.og1 import ExportSummary, export_og1
 from gliderhpc.report.exports.og1_vocabulary import SINGLE
 from gliderhpc.report.page import write_report
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import counted
 from gliderhpc.yaml_text import split_assignment
 
@@ -33,7 +33,9 @@ from gliderhpc.yaml_text import split_assignment
 @click.option(
     "--truth", type=click.Path(path_type=Path), help="Truth file of a synthetic mission, to draw with the profile."
 )
-def report(archives: tuple[Place, ...], out: Path, profile: int | None, twins: Path | None, truth: Path | None) -> int:
+def report(
+    archives: tuple[Location, ...], out: Path, profile: int | None, twins: Path | None, truth: Path | None
+) -> int:
     """Write ARCHIVE as one self-contained HTML page, its tables also as CSV and its figures as PNG and SVG.
 
     The page has an overview of the mission, the findings of every study in the archive, the commands that run the
@@ -92,7 +94,12 @@ def export() -> None:
 )
 @options.overwrite
 def og1(
-    archive: Place, out: Path, assignments: tuple[str, ...], deployment: Path | None, community: bool, overwrite: bool
+    archive: Location,
+    out: Path,
+    assignments: tuple[str, ...],
+    deployment: Path | None,
+    community: bool,
+    overwrite: bool,
 ) -> int:
     """Write ARCHIVE as an OceanGliders OG1 netCDF file: one row for each record and for each GPS fix.
 
@@ -117,7 +124,7 @@ def og1(
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.nc")
 @options.deployment
 @options.overwrite
-def currents(archive: Place, out: Path, deployment: Path | None, overwrite: bool) -> int:
+def currents(archive: Location, out: Path, deployment: Path | None, overwrite: bool) -> int:
     """Write the currents of ARCHIVE as CF netCDF for assimilation: one profile per dive, with errors and covariance.
 
     Requires the group of `gliderhpc analyze ARCHIVE.zarr currents`. The depth-averaged current is `u`, `v`.

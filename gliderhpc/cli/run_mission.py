@@ -25,8 +25,8 @@ from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.store_schema.commits import is_begun
-from gliderhpc.store_schema.create import check_place
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.create import check_location
+from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import counted
 
 log = logging.getLogger("gliderhpc.run")
@@ -64,7 +64,7 @@ _MESSAGE_WIDTH = 60
 def run_mission(
     observations: Path,
     platform_name: str,
-    store: Place,
+    store: Location,
     profiles: str | None,
     workers: int | None,
     cluster: ClusterAddress | None,
@@ -99,7 +99,7 @@ def run_mission(
             opened, platform, settings, profiles, workers, on_cluster=cluster is not None, warn=_warn
         )
         if dry_run:
-            check_place(store, existing is not Existing.REFUSE or not is_begun(store))
+            check_location(store, existing is not Existing.REFUSE or not is_begun(store))
             echo(prepared.plan.describe(settings, prepared.workers))
             _print_faults(opened, prepared.plan.profiles)
             return 0

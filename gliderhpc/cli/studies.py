@@ -21,7 +21,7 @@ from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_files import check_folder
 from gliderhpc.store_schema import read_attributes
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import QUICK_PROFILES, chosen_profiles
 from gliderhpc.studies.registry import STUDIES, VALIDATION, load_study, missing_input
 from gliderhpc.studies.request import Request, Simulation, archive_on_disk, default_folder
@@ -68,7 +68,7 @@ ALL = "all"
 @options.study_folder
 @options.log_file
 def analyze(
-    archive: Place,
+    archive: Location,
     study: str,
     profiles: str | None,
     quick: bool,
@@ -179,7 +179,7 @@ def _names(study: str, request: Request) -> Iterator[str]:
 def validate(
     observations: Path,
     platform_name: str,
-    store: Place,
+    store: Location,
     profiles: str | None,
     quick: bool,
     workers: int | None,

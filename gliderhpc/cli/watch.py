@@ -16,7 +16,7 @@ from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations.files.landing import folder_of
 from gliderhpc.report.dive_plan import read_plan
 from gliderhpc.report.surfacing_message import SurfacingMessage
-from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.store_schema.location import Location, is_address
 from gliderhpc.watch.alerts import Alerts, read_alerts
 from gliderhpc.watch.records import KINDS, FileImport
 from gliderhpc.watch.watcher import Listener, Watch, WatchInputs, open_watch
@@ -93,7 +93,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 def watch(
     source: str,
     platform_name: str,
-    store: Place,
+    store: Location,
     out: Path | None,
     once: bool,
     replay: bool,
@@ -166,7 +166,7 @@ def _option(text: str) -> tuple[str, Any]:
     return name, parse_value(value, f"--import {key}", "neither a number nor a word")
 
 
-def _folder(store: Place) -> Path:
+def _folder(store: Location) -> Path:
     if is_address(store):
         raise click.UsageError("--out is required when the archive is in an object store")
     path = Path(store) if Path(store).stem.strip(".") else Path(store).resolve()

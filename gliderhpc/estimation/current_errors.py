@@ -1,4 +1,4 @@
-"""The uncertainty of a depth-averaged current: one budget for the archive's root, both estimates, and the study.
+"""The uncertainty of a depth-averaged current: one error budget for the archive's table, both estimates and the study.
 
 The current is the drift between fixes less the displacement through the water, divided by the time. Its errors are
 those of the displacement (speed along the track, course across it, parts bridged while actuators moved) and those of
@@ -92,9 +92,9 @@ class CurrentSettings(_CommonErrors):
 
     def errors(self, platform: Platform) -> CurrentErrors:
         """Terms for a hull: those given, else those for calibrated hulls if it is one, else the paper's."""
-        by_hull = {} if platform.calibration is None else CALIBRATED
-        given = {name: value for name, value in self.model_dump(exclude={"budget"}).items() if value is not None}
-        return CurrentErrors(**(by_hull | given))
+        defaults = {} if platform.calibration is None else CALIBRATED
+        chosen = {name: value for name, value in self.model_dump(exclude={"budget"}).items() if value is not None}
+        return CurrentErrors(**(defaults | chosen))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +225,7 @@ def _unit(vector: Array) -> Array:
 TERMS = (*PUBLISHED_TERMS, "cross_track_error")
 """Names of the terms that can be fitted."""
 
-_BEGIN = {"axial_error": 0.01, "relative_error": 0.05, "heading_error": 3.0, "cross_track_error": 0.01}
+_START = {"axial_error": 0.01, "relative_error": 0.05, "heading_error": 3.0, "cross_track_error": 0.01}
 
 _LIMITS = (-12.0, 5.0)
 """Bounds of the terms' logarithms."""
@@ -297,19 +297,19 @@ def fit_budget(errors: Sequence[CurrentError], names: Sequence[str] = PUBLISHED_
     if len(errors) < MIN_TWINS:
         raise InputError(f"a budget needs at least {MIN_TWINS} twins, not {len(errors)}; give more `seeds`")
 
-    shapes, wrong = _shapes(errors, names), np.array([error.error for error in errors])
+    shapes, deviations = _shapes(errors, names), np.array([error.error for error in errors])
     known = np.array([error.known for error in errors])
 
     def minus_log_likelihood(x: Array) -> float:
         covariance = _covariances(shapes, known, x)
-        return 0.5 * float((np.linalg.slogdet(covariance)[1] + _distances(covariance, wrong)).sum())
+        return 0.5 * float((np.linalg.slogdet(covariance)[1] + _distances(covariance, deviations)).sum())
 
-    begin: Array = np.log(np.array([_BEGIN[name] for name in names]))
-    found: Any = scipy.optimize.minimize(
-        minus_log_likelihood, begin, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3}
+    start: Array = np.log(np.array([_START[name] for name in names]))
+    result: Any = scipy.optimize.minimize(
+        minus_log_likelihood, start, method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-3}
     )
-    median = float(np.median(_distances(_covariances(shapes, known, found.x), wrong)))
-    return FittedBudget(_settings(np.exp(np.clip(found.x, *_LIMITS)).tolist(), names), median)
+    median = float(np.median(_distances(_covariances(shapes, known, result.x), deviations)))
+    return FittedBudget(_settings(np.exp(np.clip(result.x, *_LIMITS)).tolist(), names), median)
 
 
 def budget_text(budget: Budget, study: str = "recoverability") -> str:
@@ -364,6 +364,6 @@ def _covariances(shapes: Array, known: Array, x: Array) -> Array:
     return np.asarray(np.einsum("k,nkij->nij", terms, shapes) + (known + _MIN_VARIANCE)[:, None, None] * np.eye(2))
 
 
-def _distances(covariance: Array, wrong: Array) -> Array:
+def _distances(covariance: Array, deviations: Array) -> Array:
     """Squared Mahalanobis distances ``(n,)``."""
-    return np.asarray(np.einsum("ni,ni->n", wrong, np.linalg.solve(covariance, wrong[..., None])[..., 0]))
+    return np.asarray(np.einsum("ni,ni->n", deviations, np.linalg.solve(covariance, deviations[..., None])[..., 0]))

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 MIN_CYCLE = 120.0
 """Shortest dive-climb cycle (s); shorter ones are joined to a neighbour."""
 STRONG = 1.0
-"""Speed of a depth-averaged current (m/s) above which the fixes are questionable, except in the strongest currents."""
+"""Speed of a depth-averaged current (m/s) above which the fixes are doubtful, except in the strongest currents."""
 MIN_DRIFT_TIME = 60.0
 """Shortest time between two fixes (s) that determine the surface drift."""
 
@@ -140,9 +140,9 @@ class SurfaceDrift:
 
 def local_displacement(start: Fix, end: Fix) -> Array:
     """North and east (m) from one fix to another on the WGS84 ellipsoid: geodesic length and azimuth at the start."""
-    line = Geodesic.WGS84.Inverse(start.latitude, start.longitude, end.latitude, end.longitude)
-    azimuth = np.radians(line["azi1"])
-    return float(line["s12"]) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    geodesic = Geodesic.WGS84.Inverse(start.latitude, start.longitude, end.latitude, end.longitude)
+    azimuth = np.radians(geodesic["azi1"])
+    return float(geodesic["s12"]) * np.array([np.cos(azimuth), np.sin(azimuth)])
 
 
 def depth_averaged_current(
@@ -192,7 +192,7 @@ def depth_averaged_current(
 
 
 def describe_implausible_current(velocity: Array) -> list[str]:
-    """Remark on a current ``(2,)`` (m/s) as strong as a wrong fix makes it; empty for others."""
+    """Remark on a current ``(2,)`` (m/s) that is so strong that a fix may be wrong; empty for weaker ones."""
     speed = float(np.linalg.norm(velocity))
     if not speed > STRONG:
         return []
@@ -201,13 +201,13 @@ def describe_implausible_current(velocity: Array) -> list[str]:
 
 def cycles_of(series: ProfileSeries) -> NDArray[np.int64]:
     """Samples ``(k+1,)`` between which the dive-climb cycles lie: first 0, last n (section 4.4)."""
-    found = cycle_boundaries(series.measurements[:, 3])
-    least = round(MIN_CYCLE / series.step)
+    candidates = cycle_boundaries(series.measurements[:, 3])
+    min_steps = round(MIN_CYCLE / series.step)
     boundaries = [0]
-    for sample in found[1:-1]:
-        if sample - boundaries[-1] >= least and found[-1] - sample >= least:
+    for sample in candidates[1:-1]:
+        if sample - boundaries[-1] >= min_steps and candidates[-1] - sample >= min_steps:
             boundaries.append(int(sample))
-    return np.array([*boundaries, int(found[-1])], dtype=np.int64)
+    return np.array([*boundaries, int(candidates[-1])], dtype=np.int64)
 
 
 def single_cycle(series: ProfileSeries) -> NDArray[np.int64]:
@@ -267,21 +267,21 @@ def with_disagreement(
 ) -> tuple[DepthAveragedCurrent, DepthAveragedCurrent]:
     """Widen the covariances of one profile's two currents by the difference of two estimates (`current_uncertainty`).
 
-    The difference is between the smoother's current and the adjoint's, or the `other` one if given: windows that start
-    from the smoothed path agree with it, whether it is right or wrong. An adjoint whose track has the smoother's
-    covariance is also uncertain by its own difference from the smoother.
+    The difference is between the smoother's current and the adjoint's, or the `other` one if it is given, since windows
+    that start from the smoothed path agree with it whether it is right or wrong. An adjoint whose track has the
+    smoother's covariance is also uncertain by its own difference from the smoother.
     """
-    own = adjoint.velocity - smoothed.velocity
-    difference = own if other is None else other.velocity - smoothed.velocity
-    departure = own if adjoint.drift.with_hull else np.zeros(2)
+    adjoint_difference = adjoint.velocity - smoothed.velocity
+    difference = adjoint_difference if other is None else other.velocity - smoothed.velocity
+    departure = adjoint_difference if adjoint.drift.with_hull else np.zeros(2)
     drifts = [
         replace(adjoint.drift, disagreement=difference, departure=departure),
         replace(smoothed.drift, disagreement=difference),
     ]
-    first, second = (current_uncertainty(drift, errors).covariance for drift in drifts)
+    covariances = [current_uncertainty(drift, errors).covariance for drift in drifts]
     return (
-        replace(adjoint, drift=drifts[0], covariance=first),
-        replace(smoothed, drift=drifts[1], covariance=second),
+        replace(adjoint, drift=drifts[0], covariance=covariances[0]),
+        replace(smoothed, drift=drifts[1], covariance=covariances[1]),
     )
 
 
@@ -300,7 +300,7 @@ def surface_drift(fixes: tuple[Fix, ...]) -> SurfaceDrift | None:
 
 
 def mean_surface_drift(record: ProfileRecord) -> Array | None:
-    """Return the mean (2,) of the drifts before and after a dive, or the known one, north and east, m/s; else None."""
+    """Return the mean (2,) of the drifts before and after a dive, north and east, m/s; None if both are unknown."""
     drifts = [surface_drift(fixes) for fixes in (record.surface_fixes_before, record.surface_fixes_after)]
     known = [drift.velocity for drift in drifts if drift is not None]
     return np.asarray(np.mean(known, axis=0)) if known else None
@@ -372,13 +372,13 @@ def surface_variance(duration: float, drift_removed: float, errors: CurrentError
     )
 
 
-def _position_variance(duration: float, drift_removed: float, carried: float, errors: CurrentErrors) -> float:
+def _position_variance(duration: float, drift_removed: float, ratio: float, errors: CurrentErrors) -> float:
     """Variance (m2) from the fixes, and from the difference between drift and current below over the remaining time.
 
-    The fix next to the dive is one of the two from which the drift is measured. Its error therefore enters the removed
-    drift as well, times the ratio of the time removed to the time between the two fixes (`carried`).
+    The fix next to the dive is one of the two from which the drift is measured. Its error therefore also enters the
+    removed drift, times the `ratio` of the time removed to the time between the two fixes.
     """
-    measured = errors.fix_error**2 * ((1.0 + carried) ** 2 + carried**2)
+    measured = errors.fix_error**2 * ((1.0 + ratio) ** 2 + ratio**2)
     return float(measured + ((duration - drift_removed) * errors.surface_shear) ** 2)
 
 

@@ -1,8 +1,8 @@
-"""Engines that solve windows: scipy one at a time, lanes side by side, Fortran kernels in the lanes.
+"""Engines that solve the windows: scipy, lanes and Fortran.
 
-The lanes engine (`gliderhpc.estimation.lanes`) solves several windows at a time, one in each lane of the processor's
-vector registers. The Fortran engine is the lanes engine with cost and gradient from the library that ``make fortran``
-builds.
+The scipy engine solves one window at a time. The lanes engine (`gliderhpc.estimation.lanes`) solves several, one in
+each lane of the processor's vector registers. The Fortran engine is the lanes engine with cost and gradient from the
+library that ``make fortran`` builds.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -20,14 +20,14 @@ from gliderhpc.estimation.lanes import Key, solve_in_lanes
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.windows import (
-    DiveProblem,
-    DiveSolution,
+    ProfileProblem,
+    ProfileSolution,
     StartingPath,
     WindowData,
     WindowSolution,
     outcome_of,
     pose_windows,
-    solve_dive,
+    solve_profile,
 )
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
@@ -110,15 +110,15 @@ def solve_window(data: WindowData, start: Array, settings: EstimationSettings) -
         cost0, gradient0 = problem.evaluate(x0)
     if not (np.isfinite(cost0) and np.isfinite(gradient0).all() and problem.flyable()):
         return WindowSolution(start, problem.states, float("nan"), float("nan"), 0, 1, Outcome.DIVERGED)
-    objective, most = _Objective(problem, x0, cost0), data.iteration_limit(settings)
+    objective, limit = _Objective(problem, x0, cost0), data.iteration_limit(settings)
     result: Any = scipy.optimize.minimize(
         objective,
         x0,
         jac=True,
         method="L-BFGS-B",
         options={
-            "maxiter": most,
-            "maxfun": 20 * most,
+            "maxiter": limit,
+            "maxfun": 20 * limit,
             "maxcor": settings.optimizer.history,
             "gtol": settings.tolerance * data.step,
             "ftol": 0.0,
@@ -131,20 +131,20 @@ def _solution(problem: WindowProblem, x: Array, iterations: int, settings: Estim
     evaluations = problem.evaluations
     cost, _ = problem.evaluate(x)
     norm = problem.gradient_norm
-    sound = np.isfinite(cost) and problem.flyable()
-    outcome = outcome_of(norm, iterations, problem.data, settings) if sound else Outcome.DIVERGED
+    is_valid = np.isfinite(cost) and problem.flyable()
+    outcome = outcome_of(norm, iterations, problem.data, settings) if is_valid else Outcome.DIVERGED
     return WindowSolution(problem.disturbances(x), problem.states, cost, norm, iterations, evaluations, outcome)
 
 
-def solve_dives(
-    dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings
-) -> Iterator[tuple[Key, DiveSolution]]:
-    """Solve dives with the engine of the settings; yield each solution with its key when it is complete.
+def solve_profiles(
+    profiles: Iterable[tuple[Key, ProfileProblem]], settings: EstimationSettings
+) -> Iterator[tuple[Key, ProfileSolution]]:
+    """Solve profiles with the engine of the settings; yield each solution with its key when it is complete.
 
     Parameters
     ----------
-    dives : iterable of (key, DiveProblem)
-        Dives, taken one by one as they are needed.
+    profiles : iterable of (key, ProfileProblem)
+        Profiles, taken one by one as they are needed.
     settings : EstimationSettings
         Settings with engine, tolerance and iteration limit.
 
@@ -155,15 +155,15 @@ def solve_dives(
     """
     if settings.engine == "scipy":
         solve = partial(solve_window, settings=settings)
-        return ((key, solve_dive(problem, solve)) for key, problem in dives)
-    return solve_in_lanes(dives, settings, FortranRun() if settings.engine == "fortran" else run_until_done)
+        return ((key, solve_profile(problem, solve)) for key, problem in profiles)
+    return solve_in_lanes(profiles, settings, FortranRun() if settings.engine == "fortran" else run_until_done)
 
 
 def invert_windows(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
-) -> DiveSolution:
+) -> ProfileSolution:
     """Solve the windows of one filtered profile (section 4.3), from a path if one is given."""
-    ((_, solution),) = solve_dives([(None, pose_windows(profile, filtered, settings, start))], settings)
+    ((_, solution),) = solve_profiles([(None, pose_windows(profile, filtered, settings, start))], settings)
     return solution
 
 

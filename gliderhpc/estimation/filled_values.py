@@ -1,8 +1,8 @@
 """Values that were not measured but filled in: repeated from the last measurement, or interpolated between two.
 
-Tools that bring the sensors of a glider to common times do one or the other. If such values are taken for measurements,
-they are far too smooth, and their errors last for as long as the true interval: on twins interpolated from 4 s to 1 s
-the speed was wrong by five times its stated deviation.
+Tools that convert a glider's sensors to common times do one or the other. Treated as measurements, such values are far
+too smooth, and their errors last as long as the true sample interval: on twins interpolated from 4 s to 1 s, the speed
+was wrong by five times its stated deviation.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ _NEIGHBOURS = 11
 _EQUAL_STEPS, _MIN_EQUAL_SHARE = 0.02, 0.9
 """Relative difference of steps of the depth that are considered equal, and share of such steps in a rounded record."""
 _MIN_REGULAR_SHARE = 0.95
-"""Minimum share of the changes that occur at the same place of every period, or at the other instrument's times."""
+"""Minimum share of the changes that occur at the same position in every period, or at the other instrument's times."""
 _MIN_FILLED_SHARE = 0.3
 """Minimum share of filled values if the times of the measured ones are irregular."""
 _MAX_ADJACENT_SHARE = 0.1
@@ -48,9 +48,9 @@ def without_filled_values(record: ProfileRecord) -> tuple[ProfileRecord, tuple[s
 
     Notes
     -----
-    Repeated values are equal to the one before; interpolated ones lie on the line between their neighbours. Both also
-    occur in rounded records of a steady glide, but then neither at one place of every period, nor with many different
-    changes from one to the next. Nothing is left out where attitude and depth would have no times in common.
+    Repeated values equal the previous one; interpolated ones lie on the line between their neighbours. Both also occur
+    in rounded records of a steady glide, but there neither at the same position in every period, nor between many
+    changes of different size. Nothing is left out if attitude and depth would then have no times in common.
     """
     rows = np.flatnonzero(np.isfinite(np.column_stack([getattr(record, name) for name in MEASURED])).all(axis=1))
     if len(rows) <= _MIN_CHANGES:
@@ -59,11 +59,11 @@ def without_filled_values(record: ProfileRecord) -> tuple[ProfileRecord, tuple[s
     if not measured or 2 * np.count_nonzero(np.all(list(measured.values()), axis=0)) < min(map(sum, measured.values())):
         return record, ()
     filled = {name: rows[~mask] for names, mask in measured.items() for name in names}
-    lost = {name: _without(getattr(record, name), missing) for name, missing in filled.items()}
-    return replace(record, **lost), tuple(name for name in MEASURED if name in lost)  # type: ignore[arg-type]
+    cleaned = {name: _with_missing(getattr(record, name), rows) for name, rows in filled.items()}
+    return replace(record, **cleaned), tuple(name for name in MEASURED if name in cleaned)  # type: ignore[arg-type]
 
 
-def _without(values: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
+def _with_missing(values: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
     values = values.copy()
     values[rows] = np.nan
     return values
@@ -73,14 +73,14 @@ def _measured_rows(record: ProfileRecord, rows: NDArray[np.int64]) -> dict[tuple
     """Return the mask of the measured values among some rows, for each instrument with filled values."""
     time = record.time[rows]
     values = {names: np.array([_continuous(record, name)[rows] for name in names]) for names in _INSTRUMENTS}
-    found = {names: mask for names in _INSTRUMENTS if (mask := _measured(values[names], time)) is not None}
-    if len(found) == 1:
-        (known,) = found.values()
-        (other,) = set(_INSTRUMENTS) - set(found)
+    masks = {names: mask for names in _INSTRUMENTS if (mask := _measured(values[names], time)) is not None}
+    if len(masks) == 1:
+        (known,) = masks.values()
+        (other,) = set(_INSTRUMENTS) - set(masks)
         steps, bends = _steps(values[other]), _bends(values[other], time)
-        if _happens_at(steps > 1.0, known) or _happens_at((bends > 1.0) & _highest(bends), known):
-            found[other] = known
-    return found
+        if _coincide(steps > 1.0, known) or _coincide((bends > 1.0) & _local_maxima(bends), known):
+            masks[other] = known
+    return masks
 
 
 def _continuous(record: ProfileRecord, name: str) -> FloatArray:
@@ -111,8 +111,8 @@ def _where_interpolated(values: Array, time: FloatArray) -> Mask | None:
     """Return the mask of the values off the line between their neighbours, None if these are not the measured ones."""
     bends, moving = _bends(values, time), np.append(_steps(values)[1:], np.inf) > 1.0
     regular = _in_periods(bends > 1.0, time)
-    if regular is None and _are_irregular(bends, moving, _highest(bends)):
-        return np.asarray((bends > 1.0) & _highest(bends))
+    if regular is None and _are_irregular(bends, moving, _local_maxima(bends)):
+        return np.asarray((bends > 1.0) & _local_maxima(bends))
     return regular
 
 
@@ -123,8 +123,8 @@ def _steps(values: Array) -> FloatArray:
 
 def _bends(values: Array, time: FloatArray) -> FloatArray:
     """Return the distance of the values from the line between their neighbours, as `_steps`."""
-    part = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
-    distances = np.abs(values[:, 1:-1] - values[:, :-2] - part * (values[:, 2:] - values[:, :-2]))
+    fraction = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
+    distances = np.abs(values[:, 1:-1] - values[:, :-2] - fraction * (values[:, 2:] - values[:, :-2]))
     return np.concatenate([[np.inf], distances.max(axis=0) / _rounding(values), [np.inf]])
 
 
@@ -136,7 +136,7 @@ def _are_one_quantum(values: Array, steps: FloatArray) -> bool:
     return len(known) > 0 and float(np.mean(np.abs(known / np.median(known) - 1.0) <= _EQUAL_STEPS)) >= _MIN_EQUAL_SHARE
 
 
-def _highest(bends: FloatArray) -> Mask:
+def _local_maxima(bends: FloatArray) -> Mask:
     """Return whether bends are larger than both neighbours: a value between two rows bends the line at both."""
     return np.asarray((bends >= np.append(0.0, bends[:-1])) & (bends >= np.append(bends[1:], 0.0)))
 
@@ -146,29 +146,31 @@ def _rounding(values: Array) -> float:
 
 
 def _in_periods(changed: Mask, time: FloatArray) -> Mask | None:
-    """Return the mask of one row in every period, if those with changes are at such places; else None."""
+    """Return the mask of one row in every period if the changes occur periodically, else None."""
     step = float(np.median(np.diff(time)))
     if not step > 0.0:
         return None
-    place = np.rint((time - time[0]) / step).astype(np.int64)
+    slots = np.rint((time - time[0]) / step).astype(np.int64)
     # Whether the first and the last row were measured is unknown.
-    at = place[1:-1][changed[1:-1]]
-    apart = np.diff(at)
-    if len(apart) < _MIN_CHANGES:
+    changes = slots[1:-1][changed[1:-1]]
+    distances = np.diff(changes)
+    if len(distances) < _MIN_CHANGES:
         return None
-    regular = [n for n in range(2, _MAX_PERIOD + 1) if np.mean(apart % n == 0) >= _MIN_REGULAR_SHARE]
+    regular = [n for n in range(2, _MAX_PERIOD + 1) if np.mean(distances % n == 0) >= _MIN_REGULAR_SHARE]
     if not regular:
         return None
-    before = np.clip(np.searchsorted(at, place, side="right") - 1, 0, len(apart))
-    periods = np.append(_local_periods(apart, regular[-1]), regular[-1])
-    return np.asarray((place - at[before]) % periods[before] == 0)
+    last_change = np.clip(np.searchsorted(changes, slots, side="right") - 1, 0, len(distances))
+    periods = np.append(_local_periods(distances, regular[-1]), regular[-1])
+    return np.asarray((slots - changes[last_change]) % periods[last_change] == 0)
 
 
-def _local_periods(apart: NDArray[np.int64], common: int) -> NDArray[np.int64]:
-    """Return the period about each distance between changes, which depends on the depth; all have a common divisor."""
-    periods = np.full(len(apart), common)
+def _local_periods(distances: NDArray[np.int64], common: int) -> NDArray[np.int64]:
+    """Return the local period at each distance between changes, which varies with depth; all are multiples of one."""
+    periods = np.full(len(distances), common)
     for period in range(2 * common, _MAX_PERIOD + 1, common):
-        share = scipy.ndimage.uniform_filter1d((apart % period == 0).astype(np.float64), _NEIGHBOURS, mode="nearest")
+        share = scipy.ndimage.uniform_filter1d(
+            (distances % period == 0).astype(np.float64), _NEIGHBOURS, mode="nearest"
+        )
         periods[share > 1.0 - 1.5 / _NEIGHBOURS] = period
     return periods
 
@@ -186,21 +188,21 @@ def _are_irregular(sizes: FloatArray, possible: Mask, nearest: Mask) -> bool:
         Whether a row with a change is the one nearest to a measured value.
     """
     changed = sizes > 1.0
-    apart = np.diff(np.flatnonzero(changed & nearest))
+    distances = np.diff(np.flatnonzero(changed & nearest))
     if (
-        len(apart) < 2 * _MIN_CHANGES
+        len(distances) < 2 * _MIN_CHANGES
         or np.mean(~changed[possible]) < _MIN_FILLED_SHARE
-        or np.mean(apart == 1) > _MAX_ADJACENT_SHARE
+        or np.mean(distances == 1) > _MAX_ADJACENT_SHARE
     ):
         return False
-    if apart[apart > _GAP_RATIO * np.median(apart)].sum() > 0.5 * apart.sum():
+    if distances[distances > _GAP_RATIO * np.median(distances)].sum() > 0.5 * distances.sum():
         return False
     _, counts = np.unique(np.rint(0.25 * sizes[changed & np.isfinite(sizes)]), return_counts=True)
-    most = np.cumsum(np.sort(counts)[::-1]) < _MAIN_SHARE * counts.sum()
-    return int(np.count_nonzero(most)) + 1 >= _MIN_SIZES
+    is_frequent = np.cumsum(np.sort(counts)[::-1]) < _MAIN_SHARE * counts.sum()
+    return int(np.count_nonzero(is_frequent)) + 1 >= _MIN_SIZES
 
 
-def _happens_at(changed: Mask, known: Mask) -> bool:
+def _coincide(changed: Mask, known: Mask) -> bool:
     """Return whether an instrument's changes, even if few, occur at the measured values of the other one."""
     return (
         int(np.count_nonzero(changed)) >= _MIN_SHARED_CHANGES and float(np.mean(known[changed])) >= _MIN_REGULAR_SHARE

@@ -1,4 +1,4 @@
-"""The disturbance-augmented extended Kalman filter of section 4.1, on several profiles side by side."""
+"""The disturbance-augmented extended Kalman filter of section 4.1, applied to several profiles at a time."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ class FilterEstimate:
     Attributes
     ----------
     states : (n+1, 12)
-        Filtered states (eq. 16), SI and rad; NaN after the row at which a run was given up.
+        Filtered states (eq. 16), SI and rad; NaN after the row at which a run was abandoned.
     disturbances : (n+1, 6)
         Filtered disturbances, N and N m; NaN after the same row.
     gated, inflated, reset : int
@@ -59,8 +59,8 @@ class FilterEstimate:
     innovations, innovation_variances : (m, 4)
         Innovations of the fed samples' roll, pitch, heading (rad, rad2) and depth (m, m2), including gated ones, and
         the variances that the filter expected. An innovation is NaN where nothing was measured, and where the estimate
-        was no longer plausible; its variance is then meaningless. Both are NaN after the row at which a run was given
-        up.
+        was no longer plausible; its variance is then meaningless. Both are NaN after the row at which a run was
+        abandoned.
     prior_name, prior : str, DisturbancePrior
         Name of the disturbance prior used (`candidate_priors`), and the prior: ``usual``, or ``rough_water`` if the
         usual one could not follow the record, or is contradicted by its innovations and less likely.
@@ -111,11 +111,11 @@ def run_filter(profile: PreparedProfile, settings: EstimationSettings) -> Filter
 def run_filters(
     profiles: Iterable[PreparedProfile], settings: EstimationSettings
 ) -> list[FilterEstimate | ProfileError]:
-    """Filter profiles side by side (eqs. 19-27), each with its candidate priors until one can follow its record.
+    """Filter several profiles at a time (eqs. 19-27), each with its candidate priors until one can follow its record.
 
-    A prior is given up as soon as it has rejected more than the allowed share of all the profile's samples. The last
+    A prior is abandoned as soon as it has rejected more than the allowed share of all the profile's samples. The last
     candidate runs to the end, and a refusal therefore has complete counts. If the innovations of a prior that can
-    follow the record contradict it (`contradict_prior`), the next is run too, and the likelier of the two is used.
+    follow the record contradict it (`contradict_prior`), the next one is run too, and the more likely one is used.
 
     Parameters
     ----------
@@ -129,13 +129,13 @@ def run_filters(
     list
         Estimate of each profile, or the error with the reason of its refusal.
     """
-    found: dict[int, FilterEstimate | ProfileError] = {}
-    doubts: dict[int, tuple[str, str]] = {}
+    results: dict[int, FilterEstimate | ProfileError] = {}
+    explanations: dict[int, tuple[str, str]] = {}
 
     def tasks() -> Iterator[_Task]:
         for i, profile in enumerate(profiles):
             series = profile.series
-            doubts[i] = describe_rest(series), describe_unexpected_density(profile.glider.platform, series) or ""
+            explanations[i] = describe_rest(series), describe_unexpected_density(profile.glider.platform, series) or ""
             try:
                 yield _Task(
                     i,
@@ -143,17 +143,17 @@ def run_filters(
                     tuple(candidate_priors(profile.glider.platform, profile.series.attitude_interval).items()),
                 )
             except ProfileError as error:
-                found[i] = error
+                results[i] = error
 
-    for i, estimate in _side_by_side(tasks(), settings):
-        found[i] = refusal(estimate, settings, *doubts[i]) if _is_refused(estimate, settings) else estimate
-    return [found[i] for i in range(len(found))]
+    for i, estimate in _filter_in_lanes(tasks(), settings):
+        results[i] = refusal(estimate, settings, *explanations[i]) if _is_refused(estimate, settings) else estimate
+    return [results[i] for i in range(len(results))]
 
 
 def filter_with_priors(
     profiles: Iterable[PreparedProfile], priors: Iterable[DisturbancePrior], settings: EstimationSettings
 ) -> list[FilterEstimate]:
-    """Filter profiles side by side to their end, each with the prior given for it, whatever share is rejected.
+    """Filter several profiles at a time, each to its end with its own prior, whatever share of samples is rejected.
 
     Raises
     ------
@@ -162,8 +162,8 @@ def filter_with_priors(
     """
     pairs = enumerate(zip(profiles, priors, strict=True))
     tasks = (_Task(i, _inputs(profile, settings), (("given", prior),)) for i, (profile, prior) in pairs)
-    found = dict(_side_by_side(tasks, settings))
-    return [found[i] for i in range(len(found))]
+    results = dict(_filter_in_lanes(tasks, settings))
+    return [results[i] for i in range(len(results))]
 
 
 class FilterTrials:
@@ -185,7 +185,7 @@ class FilterTrials:
         self._profiles = [_inputs(profile, settings) for profile in profiles]
 
     def run(self, priors: Sequence[DisturbancePrior]) -> Iterator[tuple[int, int, FilterEstimate]]:
-        """Filter every profile with every prior, side by side; yield each when complete, with both indices.
+        """Filter every profile with every prior, several at a time; yield each when complete, with both indices.
 
         The results are identical to those of `filter_with_priors`, bit for bit.
         """
@@ -194,7 +194,7 @@ class FilterTrials:
             for i, profile in enumerate(self._profiles)
             for k, prior in enumerate(priors)
         )
-        for key, estimate in _side_by_side(tasks, self._settings):
+        for key, estimate in _filter_in_lanes(tasks, self._settings):
             yield key // len(priors), key % len(priors), estimate
 
 
@@ -202,15 +202,16 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
     return estimate.rejected_fraction > settings.filter.max_rejected_fraction
 
 
-def refusal(estimate: FilterEstimate, settings: EstimationSettings, rest: str = "", doubt: str = "") -> ProfileError:
-    """Error for an estimate that rejected too large a share of samples.
+def refusal(estimate: FilterEstimate, settings: EstimationSettings, rest: str = "", density: str = "") -> ProfileError:
+    """Return the error for an estimate that rejected too large a share of samples.
 
-    The reason is a `rest` at one depth if there is one; a `doubt` about the water is added.
+    A description of the glider's `rest` at one depth takes the place of a general remedy; a description of an
+    unexpected `density` is added.
     """
     remedy = rest or (_IN_TURNS if estimate.departing in ("roll", "heading") else _IN_TRIM)
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "
-        f"follow this record; {remedy}, or raise filter.max_rejected_fraction" + (f"; {doubt}" if doubt else "")
+        f"follow this record; {remedy}, or raise filter.max_rejected_fraction" + (f"; {density}" if density else "")
     )
 
 
@@ -219,7 +220,7 @@ _IN_TURNS = (
     "the water may turn the glider more than the disturbance prior expects, and `gliderhpc tune` estimates another one "
     "from other profiles; or check the signs of the battery's rotation and of the rudder"
 )
-"""Remedies by what departs from the model."""
+"""Remedies, by the quantity that departs from the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,22 +262,22 @@ class _Task:
             return None
         if _is_refused(estimate, settings):
             return replace(self, priors=self.priors[1:])
-        judged, gate = self.profile.judged(estimate), settings.filter.gate
-        if not self.profile.interpolated and contradict_prior(*judged, gate):
+        innovations, gate = self.profile.judged(estimate), settings.filter.gate
+        if not self.profile.interpolated and contradict_prior(*innovations, gate):
             return replace(self, priors=self.priors[1:], contradicted=estimate)
         return None
 
     def more_likely(self, estimate: FilterEstimate, settings: EstimationSettings) -> FilterEstimate:
-        """Return the estimate, or the contradicted one if that is likelier or the only one not refused."""
+        """Return the estimate, or the contradicted one if that is more likely or the only one not refused."""
         if self.contradicted is None:
             return estimate
         if _is_refused(estimate, settings):
             return self.contradicted
-        earlier, later = (
-            np.nansum(log_density(*self.profile.judged(each), settings.filter.gate))
-            for each in (self.contradicted, estimate)
+        contradicted, latest = (
+            np.nansum(log_density(*self.profile.judged(candidate), settings.filter.gate))
+            for candidate in (self.contradicted, estimate)
         )
-        return estimate if later > earlier else self.contradicted
+        return estimate if latest > contradicted else self.contradicted
 
 
 class _FilterBatch:
@@ -293,8 +294,8 @@ class _FilterBatch:
         self._records: list[tuple[NDArray[Any], ...]] = [unused] * LANES
         self._priors: dict[int, tuple[str, DisturbancePrior]] = {}
 
-    def put(self, lane: int, task: _Task) -> None:
-        """Put a profile into a lane with its first prior; the run is given up when it rejects too many samples."""
+    def load(self, lane: int, task: _Task) -> None:
+        """Load a profile into a lane with its first prior; the run is abandoned when it rejects too many samples."""
         profile, step = task.profile, self._settings.step
         rows = len(profile.measured)
         self._priors[lane] = _, prior = task.priors[0]
@@ -331,12 +332,12 @@ class _FilterBatch:
             options.vibration_noise_factor,
             steps_in(GUESS_INTERVAL, step),
         )
-        return [(int(lane), self._take(int(lane))) for lane in np.flatnonzero(self._progress.status == ENDED)]
+        return [(int(lane), self._read(int(lane))) for lane in np.flatnonzero(self._progress.status == ENDED)]
 
-    def _take(self, lane: int) -> FilterEstimate:
+    def _read(self, lane: int) -> FilterEstimate:
         _, _, fed, _, _, states, disturbances, events, innovations = self._records[lane]
-        given_up = self._progress.row[lane] + 1
-        states[given_up:], disturbances[given_up:] = np.nan, np.nan
+        end = self._progress.row[lane] + 1
+        states[end:], disturbances[end:] = np.nan, np.nan
         self._progress.status[lane] = IDLE
         gated, inflated, reset = (
             int((events & bit > 0).sum()) for bit in (kernel.GATED, kernel.INFLATED, kernel.RESET)
@@ -347,22 +348,22 @@ class _FilterBatch:
         )  # fmt: skip
 
 
-def _side_by_side(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, FilterEstimate]]:
+def _filter_in_lanes(tasks: Iterator[_Task], settings: EstimationSettings) -> Iterator[tuple[int, FilterEstimate]]:
     """Filter profiles, one in each lane; a lane takes the next profile as soon as it is free."""
-    batch, at_work = _FilterBatch(settings), dict[int, _Task]()
+    batch, active = _FilterBatch(settings), dict[int, _Task]()
 
     def start(lane: int, task: _Task | None) -> None:
         if task is not None:
-            at_work[lane] = task
-            batch.put(lane, task)
+            active[lane] = task
+            batch.load(lane, task)
 
     for lane in range(LANES):
         start(lane, next(tasks, None))
-    while at_work:
+    while active:
         for lane, estimate in batch.run():
-            task = at_work.pop(lane)
-            if following := task.next_task(estimate, settings):
-                start(lane, following)
+            task = active.pop(lane)
+            if next_task := task.next_task(estimate, settings):
+                start(lane, next_task)
             else:
                 yield task.key, task.more_likely(estimate, settings)
                 start(lane, next(tasks, None))
@@ -387,10 +388,10 @@ def _inputs(profile: PreparedProfile, settings: EstimationSettings) -> _Inputs:
     patience = max(settings.filter.patience, 3.0 * series.sample_interval) / feed_interval(series, settings)
     return _Inputs(
         np.array(profile.glider.hull),
-        _plain(profile.bodies, float),
-        _plain(series.measurements, float),
+        _contiguous(profile.bodies, float),
+        _contiguous(series.measurements, float),
         fed,
-        _plain(profile.vibrating, bool),
+        _contiguous(profile.vibrating, bool),
         guesses[:, 6:].copy(),
         state0,
         measurement_variance(platform, series, settings),
@@ -399,6 +400,6 @@ def _inputs(profile: PreparedProfile, settings: EstimationSettings) -> _Inputs:
     )
 
 
-def _plain(values: Array | NDArray[np.bool_], kind: type) -> NDArray[Any]:
+def _contiguous(values: Array | NDArray[np.bool_], dtype: type) -> NDArray[Any]:
     """Return an array in the layout for which the kernel is compiled."""
-    return np.require(values, kind, ["C", "W"])
+    return np.require(values, dtype, ["C", "W"])

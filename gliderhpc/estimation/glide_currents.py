@@ -269,13 +269,13 @@ def usual_speed(tracks: Sequence[GlideTrack]) -> float:
 def _speeds(track: GlideTrack) -> tuple[Array, Array]:
     """Speeds (m/s) and vertical distances (m) of the minutes of one profile."""
     series = track.series
-    every = max(1, round(RATE_INTERVAL / series.step))
-    at = np.arange(0, len(series.time), every)
-    rise = np.diff(series.measurements[at, 3])
-    path = (series.measurements[:, 1] - track.angle_of_attack)[at[:-1] + every // 2]
+    points = max(1, round(RATE_INTERVAL / series.step))
+    minutes = np.arange(0, len(series.time), points)
+    descent = np.diff(series.measurements[minutes, 3])
+    path = (series.measurements[:, 1] - track.angle_of_attack)[minutes[:-1] + points // 2]
     with np.errstate(invalid="ignore", divide="ignore"):
-        speed = np.abs(rise / (every * series.step * np.sin(path)))
-        moving = np.isfinite(speed) & (np.abs(rise) > MIN_RATE * every * series.step)
-    # Sinking with the nose up happens in turns only.
-    moving &= np.sign(rise) == -np.sign(path)
-    return speed[moving], np.abs(rise[moving])
+        speed = np.abs(descent / (points * series.step * np.sin(path)))
+        moving = np.isfinite(speed) & (np.abs(descent) > MIN_RATE * points * series.step)
+    # A glider sinks with its nose up only at inflections.
+    moving &= np.sign(descent) == -np.sign(path)
+    return speed[moving], np.abs(descent[moving])

@@ -1,10 +1,10 @@
-"""Joining of the windows of a dive into one trajectory.
+"""Joining of the windows of a profile into one trajectory.
 
 If each window starts from the state at which the previous one ends, the windows form one trajectory of the flight
-model. Their corrections, however, jump from window to window: a correction is largest at the start of its window and
-vanishes at its end. Searches for impulses then find these jumps. Windows that start from the states of a given path are
-joined without a seam instead. In the overlap one solution fades into the next, and a run steered along the result
-(`gliderhpc.kernels.follow`) makes it one trajectory again.
+model. Their corrections, however, jump from window to window, because a correction is largest at the start of its
+window and vanishes at its end. A search for impulses would find these jumps. Windows that start from the states of a
+given path are therefore joined without seams: in the overlap one solution fades into the next, and a run of the model
+that is steered along the result (`gliderhpc.kernels.follow`) makes it a single trajectory again.
 """
 
 from itertools import pairwise
@@ -48,7 +48,9 @@ def fading(count: int) -> Array:
 
 
 class JoinedWindows:
-    """Windows' solutions on the steps of a dive: the newest replaces others, or overlaps fade if there is a path.
+    """Solutions of windows on the steps of a profile.
+
+    In an overlap the later solution replaces the earlier one, or fades in if there is a path.
 
     Attributes
     ----------
@@ -71,8 +73,8 @@ class JoinedWindows:
         """Sensed state ``(10,)`` from which a window starts."""
         return np.asarray(self.states[begin] if self._path is None else self._path[begin])
 
-    def put(self, begin: int, number: int, disturbances: Array, states: Array) -> None:
-        """Put a window's solution: disturbances ``(m, 6)`` and states ``(m+1, 10)`` from its first step on."""
+    def add(self, begin: int, number: int, disturbances: Array, states: Array) -> None:
+        """Add a window's solution: disturbances ``(m, 6)`` and states ``(m+1, 10)`` from its first step on."""
         end = begin + len(disturbances)
         overlap = min(self._reach, end) - begin
         if self._path is not None and overlap > 0:
@@ -82,8 +84,8 @@ class JoinedWindows:
         self.disturbances[begin:end], self.states[begin + 1 : end + 1] = disturbances, states[1:]
         self._mark(begin, end, number, failed=False)
 
-    def put_filter(self, begin: int, end: int, number: int) -> None:
-        """Put the filter's estimate in place of a window without a usable solution."""
+    def add_filter(self, begin: int, end: int, number: int) -> None:
+        """Add the filter's estimate in place of a window without a usable solution."""
         self.disturbances[begin:end] = self._filtered.disturbances[begin:end]
         self.states[begin + 1 : end + 1] = self._filtered.states[begin + 1 : end + 1, SENSED]
         self._mark(begin, end, number, failed=True)
@@ -92,19 +94,19 @@ class JoinedWindows:
         self.failed[begin:end], self.source[begin:end], self._reach = failed, number, end
 
     def _faded(self, begin: int, overlap: int, disturbances: Array, states: Array) -> tuple[Array, Array]:
-        """Return a solution whose first steps fade from the previous one."""
+        """Return a solution into which the previous one fades over its first steps."""
         weights, end = fading(overlap)[:, None], begin + overlap
         disturbances, states = disturbances.copy(), states.copy()
         disturbances[:overlap] -= (1.0 - 0.5 * (weights[1:] + weights[:-1])) * (
             disturbances[:overlap] - self.disturbances[begin:end]
         )
-        apart = states[: overlap + 1] - self.states[begin : end + 1]
-        apart[:, 2] = principal_angle(apart[:, 2])
-        states[: overlap + 1] -= (1.0 - weights) * apart
+        difference = states[: overlap + 1] - self.states[begin : end + 1]
+        difference[:, 2] = principal_angle(difference[:, 2])
+        states[: overlap + 1] -= (1.0 - weights) * difference
         return disturbances, states
 
     def trajectory(self) -> tuple[Array, Array]:
-        """Return the disturbances ``(n, 6)`` and the twelve-state rows ``(n+1, 12)`` of the whole dive.
+        """Return the disturbances ``(n, 6)`` and the twelve-state rows ``(n+1, 12)`` of the whole profile.
 
         If windows start from a path, this is a run steered along their solutions, from one failed window to the next.
         """
@@ -126,7 +128,7 @@ class JoinedWindows:
             self.disturbances[steps], self.states[rows] = disturbances, states
 
     def _with_track(self) -> Array:
-        """Twelve-state rows: states and the track that follows from them, the filter's own where a window failed."""
+        """Twelve-state rows: the states and the resulting track, which is the filter's where a window failed."""
         profile, filtered = self._profile, self._filtered.states
         moves = np.empty((len(self.disturbances), 2))
         kernel.moves(profile.glider.hull, profile.bodies, self.states, self.disturbances, profile.series.step, moves)

@@ -1,11 +1,11 @@
-"""Windows side by side, one in each lane of the processor's vector registers.
+"""Solution of several windows at a time, one in each lane of the processor's vector registers.
 
-Dives are independent of each other. The windows of one dive are solved in turn, since the previous window's outcome
-determines where a window begins and how long it is. If windows start from a given path, nothing else depends on it: the
-lanes then take the windows that will probably follow as well, and another dive only when these do not fill them. A
-window that turns out to be another one is dropped. A solution does not depend on its lane, its neighbours, or when it
-was found. Where a few dives are left and no window after their next ones can be foreseen, each is solved alone, without
-lanes.
+Profiles are independent of each other, but the windows of one profile depend on each other: the outcome of a window
+determines where the next one begins and how long it is. If windows start from a given path, they depend on each other
+in no other way. The windows that will probably follow are then solved ahead of time, and a further profile is taken
+only when these do not fill the lanes. A window that was predicted wrongly is dropped. A solution depends neither on its
+lane nor on the windows in the other lanes. When only a few profiles are left whose further windows cannot be predicted,
+their windows are solved one by one, without lanes.
 """
 
 import time
@@ -19,9 +19,9 @@ import numpy as np
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowPlan
 from gliderhpc.estimation.windows import (
-    DiveProblem,
-    DiveSolution,
     PosedWindow,
+    ProfileProblem,
+    ProfileSolution,
     WindowSolution,
     WindowTask,
     outcome_of,
@@ -49,19 +49,19 @@ Run = Callable[[Problem, Descent, Progress], None]
 
 
 _STEPS_ALONE = 2000
-"""Steps in all lanes together for each dive that is solved as fast without lanes.
+"""Number of steps in all lanes together, per profile, beyond which profiles are solved as fast one by one.
 
-Lanes with long windows wait for memory, and for the longest window among them.
+With long windows the lanes wait for memory, and for the longest window among them.
 """
 
 MAX_WINDOWS_AHEAD = 2 * LANES
-"""Largest number of windows considered after the next one of a dive."""
+"""Largest number of windows of a profile that are predicted after its next one."""
 
 
 class LaneBatch:
-    """`LANES` windows solved in step, or one `alone`, with the tolerance, iteration limit and history of the settings.
+    """Batch of `LANES` windows, or of one window if `alone`, solved with the settings' tolerance, limit and history.
 
-    The kernels of `run_until_done` alone solve a window alone.
+    Only the kernels of `run_until_done` can solve a single window.
     """
 
     def __init__(self, settings: EstimationSettings, run: Run = run_until_done, *, alone: bool = False) -> None:
@@ -69,8 +69,8 @@ class LaneBatch:
         self._problem, self._descent, self._progress = self._allocated(1)
         self._tasks: list[WindowTask | None] = [None] * len(self._progress.status)
 
-    def put(self, lane: int, task: WindowTask) -> None:
-        """Put a window into a lane; `run` solves it."""
+    def load(self, lane: int, task: WindowTask) -> None:
+        """Load a window into a lane; `run` solves it."""
         data, start = task
         self._tasks[lane] = task
         self._extend(len(data.bodies))
@@ -85,7 +85,7 @@ class LaneBatch:
         return allocate(steps, self._settings.optimizer.history, alone=self._alone)
 
     def _extend(self, steps: int) -> None:
-        """Grow the memory for a longer window; windows in progress continue, with added steps of no duration."""
+        """Enlarge the memory for a longer window; windows in progress continue, padded with steps of no duration."""
         capacity = len(self._problem.bodies)
         if self._alone and steps != capacity:
             self._problem, self._descent, self._progress = self._allocated(steps)
@@ -99,7 +99,7 @@ class LaneBatch:
         """Continue until a window is solved; return finished lanes with their solutions, and leave them idle."""
         self._run(self._problem, self._descent, self._progress)
         return [
-            (lane, self._take(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
+            (lane, self._read(lane)) for lane, status in enumerate(self._progress.status.tolist()) if status >= ENDED
         ]
 
     def drop(self, lane: int) -> None:
@@ -107,7 +107,7 @@ class LaneBatch:
         self._progress.status[lane] = IDLE
         self._tasks[lane] = None
 
-    def _take(self, lane: int) -> WindowSolution:
+    def _read(self, lane: int) -> WindowSolution:
         task, progress = self._tasks[lane], self._progress
         assert task is not None
         data, start = task
@@ -115,8 +115,8 @@ class LaneBatch:
         unflyable = progress.status[lane] == UNFLYABLE
         self.drop(lane)
         if unflyable:
-            nowhere = np.empty((0, 10))
-            return WindowSolution(start, nowhere, float("nan"), float("nan"), 0, evaluations, Outcome.DIVERGED)
+            no_states = np.empty((0, 10))
+            return WindowSolution(start, no_states, float("nan"), float("nan"), 0, evaluations, Outcome.DIVERGED)
         disturbances, states = np.empty((len(data.bodies), 6)), np.empty((len(data.bodies) + 1, 10))
         read_window(self._problem, lane, disturbances, states)
         norm, iterations = float(progress.norm[lane] / data.step), int(progress.iterations[lane])
@@ -125,49 +125,49 @@ class LaneBatch:
 
 
 @dataclass(eq=False)
-class _DiveInProgress(Generic[Key]):
-    """A dive whose windows are being solved.
+class _ProfileInProgress(Generic[Key]):
+    """A profile whose windows are being solved.
 
     Attributes
     ----------
     key
-        The caller's name of the dive.
-    problem, sequence : DiveProblem, generator
-        The dive and its windows in turn.
-    wanted : list of PosedWindow
-        The next window and those expected after it, without those solved; empty at the end.
+        The caller's key of the profile.
+    problem, sequence : ProfileProblem, generator
+        The profile, and the generator of its windows.
+    pending : list of PosedWindow
+        The next window and those predicted after it, except those already solved; empty at the end.
     solved : dict
-        Solutions found ahead, by `PosedWindow.identity`.
+        Solutions of windows that were solved ahead of time, by `PosedWindow.identity`.
     below_threshold : bool
-        Whether the cost of the last window was below its threshold; the same is expected of the next ones.
+        Whether the cost of the last window was below its threshold, from which the next windows are predicted.
     seconds : float
         Computing time so far.
-    solution : DiveSolution, optional
-        Solution of the whole dive, when there is one.
+    solution : ProfileSolution, optional
+        Solution of the whole profile, once it is complete.
     """
 
     key: Key
-    problem: DiveProblem
-    sequence: Generator[PosedWindow, WindowSolution, DiveSolution] = field(init=False)
-    wanted: list[PosedWindow] = field(default_factory=list)
+    problem: ProfileProblem
+    sequence: Generator[PosedWindow, WindowSolution, ProfileSolution] = field(init=False)
+    pending: list[PosedWindow] = field(default_factory=list)
     solved: dict[tuple[int, WindowPlan], WindowSolution] = field(default_factory=dict)
     below_threshold: bool = True
     seconds: float = 0.0
-    solution: DiveSolution | None = None
+    solution: ProfileSolution | None = None
 
     def __post_init__(self) -> None:
         self.sequence = window_sequence(self.problem)
-        self._expect(self._next(None))
+        self._predict(self._next(None))
 
     def add(self, window: PosedWindow, solution: WindowSolution) -> None:
-        """Add a window's solution, and join windows to the dive as long as they are solved."""
+        """Add a window's solution, and join to the profile all windows that are solved."""
         self.solved[window.identity] = solution
-        following = self.wanted[0] if self.wanted else None
-        while following is not None and following.identity in self.solved:
-            found = self.solved.pop(following.identity)
-            self.below_threshold = bool(found.cost < following.plan.cost_threshold)
-            following = self._next(found)
-        self._expect(following)
+        next_window = self.pending[0] if self.pending else None
+        while next_window is not None and next_window.identity in self.solved:
+            joined = self.solved.pop(next_window.identity)
+            self.below_threshold = bool(joined.cost < next_window.plan.cost_threshold)
+            next_window = self._next(joined)
+        self._predict(next_window)
 
     def _next(self, solution: WindowSolution | None) -> PosedWindow | None:
         try:
@@ -176,104 +176,104 @@ class _DiveInProgress(Generic[Key]):
             self.solution = replace(stop.value, seconds=self.seconds)
             return None
 
-    def _expect(self, window: PosedWindow | None) -> None:
-        """Note the next window and those expected after it, and forget solutions of windows before it."""
-        self.wanted = []
+    def _predict(self, window: PosedWindow | None) -> None:
+        """Set the next window and predict those after it; solutions of windows before it are discarded."""
+        self.pending = []
         if window is None:
             return
-        self.solved = {of: solution for of, solution in self.solved.items() if of[0] >= window.begin}
+        self.solved = {identity: solution for identity, solution in self.solved.items() if identity[0] >= window.begin}
         ahead = windows_ahead(self.problem, window, below_threshold=self.below_threshold)
-        expected = chain([window], islice(ahead, MAX_WINDOWS_AHEAD))
-        self.wanted = [each for each in expected if each.identity not in self.solved]
+        predicted = chain([window], islice(ahead, MAX_WINDOWS_AHEAD))
+        self.pending = [candidate for candidate in predicted if candidate.identity not in self.solved]
 
     @property
-    def is_alone(self) -> bool:
+    def is_unpredictable(self) -> bool:
         """Return whether only the next window is known, since those after it start from its end."""
-        return self.problem.path is None and len(self.wanted) == 1
+        return self.problem.path is None and len(self.pending) == 1
 
 
-_Lanes = dict[int, tuple[_DiveInProgress[Key], PosedWindow]]
+_Lanes = dict[int, tuple[_ProfileInProgress[Key], PosedWindow]]
 
 
 def solve_in_lanes(
-    dives: Iterable[tuple[Key, DiveProblem]], settings: EstimationSettings, run: Run = run_until_done
-) -> Iterator[tuple[Key, DiveSolution]]:
-    """Solve dives side by side with the kernels of ``run``; yield each solution when it is complete."""
-    batch, waiting = LaneBatch(settings, run), iter(dives)
-    active: list[_DiveInProgress[Key]] = []
+    profiles: Iterable[tuple[Key, ProfileProblem]], settings: EstimationSettings, run: Run = run_until_done
+) -> Iterator[tuple[Key, ProfileSolution]]:
+    """Solve profiles side by side with the kernels of ``run``; yield each solution when it is complete."""
+    batch, waiting = LaneBatch(settings, run), iter(profiles)
+    active: list[_ProfileInProgress[Key]] = []
     lanes: _Lanes[Key] = {}
     while True:
-        _take_dives(active, waiting)
+        _take_profiles(active, waiting)
         if run is run_until_done and _are_too_few_for_lanes(active):
             _finish_alone(active[0], settings)
         else:
             _occupy(batch, lanes, active)
             if lanes:
                 _run(batch, lanes)
-        # Only the results of a dive that has ended remain in memory while the next one is posed.
-        ended = [(dive.key, dive.solution) for dive in active if dive.solution is not None]
-        active = [dive for dive in active if dive.solution is None]
+        # Of a profile that has ended, only the results remain in memory while the next one is posed.
+        ended = [(profile.key, profile.solution) for profile in active if profile.solution is not None]
+        active = [profile for profile in active if profile.solution is None]
         _release(batch, lanes)
         yield from ended
         if not active and not ended:
             return
 
 
-def _are_too_few_for_lanes(dives: list[_DiveInProgress[Key]]) -> bool:
-    """Return whether dives, of which only the next window is known, are too few (at least one) to gain by lanes."""
-    longest = max((dive.problem.plan.length for dive in dives), default=0)
-    most = max(1, LANES * longest // _STEPS_ALONE)
-    return 0 < len(dives) <= most and all(dive.is_alone for dive in dives)
+def _are_too_few_for_lanes(profiles: list[_ProfileInProgress[Key]]) -> bool:
+    """Return whether there are profiles, but too few of them for a gain by lanes: only their next windows are known."""
+    longest = max((profile.problem.plan.length for profile in profiles), default=0)
+    limit = max(1, LANES * longest // _STEPS_ALONE)
+    return 0 < len(profiles) <= limit and all(profile.is_unpredictable for profile in profiles)
 
 
-def _take_dives(active: list[_DiveInProgress[Key]], waiting: Iterator[tuple[Key, DiveProblem]]) -> None:
-    """Take dives until their windows fill the lanes; each of them occupies memory."""
-    while sum(len(dive.wanted) for dive in active) < LANES and (posed := next(waiting, None)) is not None:
-        active.append(_DiveInProgress(*posed))
+def _take_profiles(active: list[_ProfileInProgress[Key]], waiting: Iterator[tuple[Key, ProfileProblem]]) -> None:
+    """Take no more profiles than fill the lanes with their windows, since each of them occupies memory."""
+    while sum(len(profile.pending) for profile in active) < LANES and (posed := next(waiting, None)) is not None:
+        active.append(_ProfileInProgress(*posed))
 
 
 def _release(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
-    """Drop the windows of dives that have ended."""
-    for lane, (dive, _) in list(lanes.items()):
-        if dive.solution is not None:
+    """Drop the windows of profiles that have ended."""
+    for lane, (profile, _) in list(lanes.items()):
+        if profile.solution is not None:
             batch.drop(lane)
             del lanes[lane]
 
 
-def _finish_alone(dive: _DiveInProgress[Key], settings: EstimationSettings) -> None:
-    """Solve the windows of one of the last dives one after the other, each without lanes."""
+def _finish_alone(profile: _ProfileInProgress[Key], settings: EstimationSettings) -> None:
+    """Solve the windows of one of the last profiles one by one, without lanes."""
     batch = LaneBatch(settings, alone=True)
-    while dive.wanted:
-        window, began = dive.wanted[0], time.perf_counter()
-        batch.put(0, window.task)
+    while profile.pending:
+        window, began = profile.pending[0], time.perf_counter()
+        batch.load(0, window.task)
         ((_, solution),) = batch.run()
-        dive.seconds += time.perf_counter() - began
-        dive.add(window, solution)
+        profile.seconds += time.perf_counter() - began
+        profile.add(window, solution)
 
 
 def _run(batch: LaneBatch, lanes: _Lanes[Key]) -> None:
-    """Continue until a window is solved, and give solutions and computing time to their dives."""
+    """Continue until a window is solved, and give solutions and computing time to their profiles."""
     began = time.perf_counter()
     solved = batch.run()
     share = (time.perf_counter() - began) / len(lanes)
-    for dive, _ in lanes.values():
-        dive.seconds += share
+    for profile, _ in lanes.values():
+        profile.seconds += share
     for lane, solution in solved:
-        dive, window = lanes.pop(lane)
-        dive.add(window, solution)
+        profile, window = lanes.pop(lane)
+        profile.add(window, solution)
 
 
-def _occupy(batch: LaneBatch, lanes: _Lanes[Key], dives: list[_DiveInProgress[Key]]) -> None:
-    """Put every dive's next window into a lane, then the windows ahead of the dives in turn; drop all others."""
-    first = [(dive, window) for dive in dives for window in dive.wanted[:1]]
-    ahead = [(dive, window) for dive in dives for window in dive.wanted[1:]]
-    chosen = {(id(dive), window.identity): (dive, window) for dive, window in (first + ahead)[:LANES]}
-    for lane, (dive, window) in list(lanes.items()):
-        if chosen.pop((id(dive), window.identity), None) is None:
+def _occupy(batch: LaneBatch, lanes: _Lanes[Key], profiles: list[_ProfileInProgress[Key]]) -> None:
+    """Load every profile's next window into a lane, then predicted ones, profile by profile; drop all other windows."""
+    upcoming = [(profile, window) for profile in profiles for window in profile.pending[:1]]
+    predicted = [(profile, window) for profile in profiles for window in profile.pending[1:]]
+    chosen = {(id(profile), window.identity): (profile, window) for profile, window in (upcoming + predicted)[:LANES]}
+    for lane, (profile, window) in list(lanes.items()):
+        if chosen.pop((id(profile), window.identity), None) is None:
             batch.drop(lane)
             del lanes[lane]
     free = iter([lane for lane in range(LANES) if lane not in lanes])
-    for dive, window in chosen.values():
+    for profile, window in chosen.values():
         lane = next(free)
-        batch.put(lane, window.task)
-        lanes[lane] = (dive, window)
+        batch.load(lane, window.task)
+        lanes[lane] = (profile, window)

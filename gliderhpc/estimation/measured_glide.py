@@ -65,7 +65,7 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
     It is compared with that of the hull with its drag multiplied by a factor, whose logarithm has the prior of the
     polar.
     """
-    found: list[_HalfDifference] = []
+    differences: list[_HalfDifference] = []
     refusals: list[str] = []
     for record in records:
         if record.velocity is None:
@@ -73,29 +73,29 @@ def with_measured_attack(polar: GlidePolar, records: Iterable[ProfileRecord]) ->
         try:
             series = on_points(record)
         except ProfileError:
-            # Its current is refused with the reason.
+            # The profile's current is refused later, with the reason.
             continue
         velocity = measured_velocity(polar.platform, series, np.ones(len(series.time), dtype=bool))
         if velocity is None:
             continue
         refusals += [velocity.refusal] if velocity.refusal and velocity.is_empty else []
-        found += _half_difference(series, velocity)
+        differences += _half_difference(series, velocity)
     remarks = (f"in {counted(len(refusals), 'profile')}, the first of them: {refusals[0]}",) if refusals else ()
-    if not found:
+    if not differences:
         return polar, remarks
-    corrected, remark = _corrected(polar, found)
+    corrected, remark = _corrected(polar, differences)
     return corrected, (remark, *remarks)
 
 
 def _error_of_mean(values: Array) -> float:
     """Standard error of a mean, widened by Student's quantile over the normal one where there are few values."""
-    few = few_values_factor(_UPPER_LEVEL, len(values) - 1)
-    return float(few * np.std(values, ddof=1) / math.sqrt(len(values)))
+    factor = few_values_factor(_UPPER_LEVEL, len(values) - 1)
+    return float(factor * np.std(values, ddof=1) / math.sqrt(len(values)))
 
 
-def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePolar, str]:
+def _corrected(polar: GlidePolar, differences: list[_HalfDifference]) -> tuple[GlidePolar, str]:
     """Drag-to-lift ratio from the posterior of the drag's factor on a grid, and a remark."""
-    attack = np.array([each.attack for each in found])
+    attack = np.array([difference.attack for difference in differences])
     usual = float(np.median(attack))
     if not usual > 0.0:
         return polar, (
@@ -105,7 +105,7 @@ def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePo
     scatter = _error_of_mean(attack) if len(attack) > 1 else 0.5 * usual
     error = math.hypot(scatter, MIN_ATTACK_ERROR * usual)
     logarithms = polar.deviation * np.linspace(-_MAX_WIDTH, _MAX_WIDTH, _GRID_POINTS)
-    modelled = np.array([_modelled(with_drag(polar.platform, math.exp(x)), found) for x in logarithms])
+    modelled = np.array([_modelled(with_drag(polar.platform, math.exp(x)), differences) for x in logarithms])
     cost = ((modelled - float(attack.mean())) / error) ** 2 + (logarithms / polar.deviation) ** 2
     cost = np.where(np.isfinite(cost), cost, np.inf)
     weights = np.exp(-0.5 * (cost - cost.min())) if np.isfinite(cost.min()) else np.zeros_like(cost)
@@ -117,8 +117,8 @@ def _corrected(polar: GlidePolar, found: list[_HalfDifference]) -> tuple[GlidePo
         )
     deviation = math.sqrt(float(np.sum(weights * (logarithms - mean) ** 2) / weights.sum()))
     changed = replace(polar, platform=with_drag(polar.platform, math.exp(mean)), deviation=deviation)
-    where = counted(len(found), "profile")
-    return changed, f"drag over lift from the measured velocity relative to the water in {where}"
+    profiles = counted(len(differences), "profile")
+    return changed, f"drag over lift from the measured velocity relative to the water in {profiles}"
 
 
 def _half_difference(series: ProfileSeries, velocity: RelativeVelocity) -> list[_HalfDifference]:
@@ -129,13 +129,14 @@ def _half_difference(series: ProfileSeries, velocity: RelativeVelocity) -> list[
     dive, climb = (known & (sign * pitch > MIN_GLIDE_PITCH) for sign in (-1.0, 1.0))
     if min(np.count_nonzero(dive), np.count_nonzero(climb)) < _MIN_SAMPLES:
         return []
-    attack = [float(np.arctan2(np.median(normal[part]), np.median(forward[part]))) for part in (dive, climb)]
+    attack = [float(np.arctan2(np.median(normal[phase]), np.median(forward[phase]))) for phase in (dive, climb)]
     return [
         _HalfDifference(float(np.median(pitch[dive])), float(np.median(pitch[climb])), 0.5 * (attack[0] - attack[1]))
     ]
 
 
-def _modelled(platform: Platform, found: list[_HalfDifference]) -> float:
+def _modelled(platform: Platform, differences: list[_HalfDifference]) -> float:
     """Mean over profiles of half the difference of the hull's angles of attack."""
-    attack = angle_of_attack(platform, np.array([[each.dive_pitch, each.climb_pitch] for each in found]))
+    pitches = np.array([[difference.dive_pitch, difference.climb_pitch] for difference in differences])
+    attack = angle_of_attack(platform, pitches)
     return float(np.mean(0.5 * (attack[:, 0] - attack[:, 1])))

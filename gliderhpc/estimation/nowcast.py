@@ -39,7 +39,7 @@ _INTEGRAL = slice(4, 6)
 """Indices of the integral, north and east, among the states."""
 
 
-def _both(component: Array) -> Array:
+def _for_both_components(component: Array) -> Array:
     """Matrices for north and east, interleaved, from those of one component ``(..., n, n)``."""
     *batch, rows, columns = component.shape
     full = np.zeros((*batch, rows, 2, columns, 2))
@@ -97,13 +97,13 @@ class CurrentProcess:
         moves[..., 0, 0] = moves[..., 2, 2] = 1.0
         moves[..., 1, 1] = decay
         moves[..., 2, 0], moves[..., 2, 1] = elapsed, tau * lost
-        for place, period in enumerate(self.periods):
-            self._add_line(moves, 3 + 2 * place, 2.0 * np.pi / period, elapsed)
+        for line, period in enumerate(self.periods):
+            self._add_line(moves, 3 + 2 * line, 2.0 * np.pi / period, elapsed)
         noise = np.zeros_like(moves)
         noise[..., 1, 1] = variance * (1.0 - decay**2)
         noise[..., 1, 2] = noise[..., 2, 1] = variance * tau * lost**2
         noise[..., 2, 2] = variance * tau**2 * np.maximum(2.0 * elapsed / tau - 3.0 + 4.0 * decay - decay**2, 0.0)
-        return _both(moves), _both(noise)
+        return _for_both_components(moves), _for_both_components(noise)
 
     @staticmethod
     def _add_line(moves: Array, at: int, frequency: float, elapsed: float) -> None:
@@ -192,7 +192,7 @@ class CurrentState:
             weights[0, 2] = 1.0 / length
         else:
             weights[0, :2] = weights[0, 3::2] = 1.0
-        return ahead._updated(_both(weights), observation)
+        return ahead._updated(_for_both_components(weights), observation)
 
     def _updated(self, sees: Array, observation: CurrentObservation) -> "CurrentState":
         innovation = observation.velocity - self.mean @ sees.T

@@ -134,10 +134,10 @@ def fed_samples(series: ProfileSeries, settings: EstimationSettings) -> NDArray[
     """
     if series.sample_interval <= settings.filter.slow_feed:
         return recorded_samples(series)
-    every = steps_in(settings.filter.feed_interval, series.step)
-    feeds = np.minimum(_relative_sampling_rate(series), every)
-    turns = np.arange(len(feeds)) * feeds
-    return np.asarray(turns // every > (turns - feeds) // every) & _measured(series)
+    interval = steps_in(settings.filter.feed_interval, series.step)
+    feeds = np.minimum(_relative_sampling_rate(series), interval)
+    progress = np.arange(len(feeds)) * feeds
+    return np.asarray(progress // interval > (progress - feeds) // interval) & _measured(series)
 
 
 def _relative_sampling_rate(series: ProfileSeries) -> NDArray[np.int64]:
@@ -146,8 +146,8 @@ def _relative_sampling_rate(series: ProfileSeries) -> NDArray[np.int64]:
     if len(series.sample_index) < 2:
         return np.ones(len(rows), dtype=np.int64)
     intervals = np.diff(series.sample_index) * series.step
-    within = np.clip(np.searchsorted(series.sample_index, rows, side="right") - 1, 0, len(intervals) - 1)
-    return np.maximum(1, np.rint(series.sample_interval / intervals[within])).astype(np.int64)
+    interval = np.clip(np.searchsorted(series.sample_index, rows, side="right") - 1, 0, len(intervals) - 1)
+    return np.maximum(1, np.rint(series.sample_interval / intervals[interval])).astype(np.int64)
 
 
 def recorded_samples(series: ProfileSeries) -> NDArray[np.bool_]:

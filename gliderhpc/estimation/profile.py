@@ -1,7 +1,7 @@
 """The estimation of a profile: filter, smoother, windows.
 
-`estimate_profile` treats one profile from beginning to end. `estimate_profiles` does the same for many profiles, which
-share the lanes of filter and windows; the results are identical bit for bit.
+`estimate_profile` estimates one profile. `estimate_profiles` estimates many profiles, which share the lanes of filter
+and windows; the results are identical bit for bit.
 """
 
 import time
@@ -17,25 +17,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.engines import invert_windows, solve_dives
+from gliderhpc.estimation.engines import invert_windows, solve_profiles
 from gliderhpc.estimation.filter import FilterEstimate, run_filter, run_filters
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.glide_sensitivity import glide_sensitivity
 from gliderhpc.estimation.smoother.hull_errors import stated_errors
-from gliderhpc.estimation.smoother.information import smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import smooth_dive
-from gliderhpc.estimation.smoother.posterior import HullPart, after_dive, with_hull_errors, with_record_errors
-from gliderhpc.estimation.windows import DiveProblem, DiveSolution, StartingPath, misfit, pose_windows
+from gliderhpc.estimation.smoother.information import HullInformation, smoothed_hull_information
+from gliderhpc.estimation.smoother.iterate import run_smoother
+from gliderhpc.estimation.smoother.posterior import (
+    HullContribution,
+    posterior_errors,
+    with_hull_errors,
+    with_record_errors,
+)
+from gliderhpc.estimation.windows import ProfileProblem, ProfileSolution, StartingPath, misfit, pose_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.observations.series import ProfileSeries
 
 Array = NDArray[np.float64]
 Key = TypeVar("Key")
 
-_Smoothing = tuple[SmoothedEstimate | None, HullPart | None]
-"""Smoothed estimate at the records and its information on the hull, as far as there are any."""
+_Smoothing = tuple[SmoothedEstimate | None, HullContribution | None]
+"""Smoothed estimate at the records, and the hull's contribution to it; None for what was not computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +53,22 @@ class ProfileEstimate:
         Profile on its steps.
     filtered : FilterEstimate
         Estimate of the filter.
-    solution : DiveSolution
+    solution : ProfileSolution
         Solution of the windows.
     smoothed : SmoothedEstimate, optional
         Estimate of the smoother at the records, if there is one.
-    hull : HullPart, optional
-        Information on the hull, and its part in the smoothed uncertainty, if requested with the smoother's estimate.
+    hull : HullContribution, optional
+        Errors of the hull and their contribution to the smoothed uncertainty, if requested.
     seconds : float
-        Computing time; the profile's share if several are computed side by side.
+        Computing time, s; the profile's share if several are computed at the same time.
     """
 
     profile: PreparedProfile
     filtered: FilterEstimate
-    solution: DiveSolution
+    solution: ProfileSolution
     smoothed: SmoothedEstimate | None
     seconds: float
-    hull: HullPart | None = None
+    hull: HullContribution | None = None
 
     @property
     def series(self) -> ProfileSeries:
@@ -95,8 +100,8 @@ def estimate_profile(
     settings : EstimationSettings
         Settings of the estimation.
     with_hull : bool
-        Whether to return the smoother's estimate with the hull's errors. The smoother runs anyway if the windows start
-        from its path.
+        Whether to return the smoother's estimate including the hull's errors. The smoother runs in any case if the
+        windows start from its path.
 
     Raises
     ------
@@ -107,7 +112,7 @@ def estimate_profile(
     """
     began = time.perf_counter()
     filtered = run_filter(profile, settings)
-    smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
+    smoothed = run_smoother(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     solution = invert_windows(profile, filtered, settings, _start(profile, smoothed, settings))
     on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=with_hull)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
@@ -145,38 +150,44 @@ def smooth_profile(
     settings : EstimationSettings
         Settings of the estimation.
     smoothed : SmoothedEstimate, optional
-        Estimate on the steps, if it was computed for the windows; otherwise it is computed if `with_hull`.
+        Estimate on the steps, if it was computed for the windows; otherwise it is computed if `with_hull` is set.
     with_hull : bool
-        Whether the hull's errors are to be in its uncertainty.
+        Whether to include the hull's errors in its uncertainty.
 
     Returns
     -------
-    SmoothedEstimate, HullPart or None
-        Estimate at the records, and its information on the hull if it has any.
+    SmoothedEstimate or None, HullContribution or None
+        Estimate at the records, and the hull's contribution to its uncertainty.
     """
     if smoothed is None and with_hull:
-        smoothed = smooth_dive(profile, filtered, settings)
+        smoothed = run_smoother(profile, filtered, settings)
     if smoothed is None:
         return None, None
     on_records, last = smoothed.thinned(settings.steps_per_record), smoothed.last_pass
     if last is None or not smoothed.outcome.usable or not with_hull or settings.smoother.hull == "believed":
         return on_records, None
-    information = smoothed_dive_information(profile, smoothed, last, settings)
-    if not information.has_sensitivities:
-        return on_records, None
+    information = smoothed_hull_information(profile, smoothed, last, settings)
+    return (
+        _add_errors(profile, on_records, information, settings) if information.has_sensitivities else (on_records, None)
+    )
+
+
+def _add_errors(
+    profile: PreparedProfile, on_records: SmoothedEstimate, information: HullInformation, settings: EstimationSettings
+) -> _Smoothing:
+    """Include the errors of the record and of the hull in an estimate at the records."""
     if information.record is not None:
         on_records = with_record_errors(on_records, information.record)
     errors = stated_errors(profile.glider.platform, information.parameters)
     if information.narrows_errors:
-        errors = after_dive(errors, information)
+        errors = posterior_errors(errors, information)
     if not information.is_sound:
         information = information.without_information()
-    on_records, part = with_hull_errors(
-        on_records, information, errors, corrected=settings.smoother.hull == "corrected"
-    )
+    corrected = settings.smoother.hull == "corrected"
+    on_records, variance = with_hull_errors(on_records, information, errors, corrected=corrected)
     glide = glide_sensitivity(profile, on_records, information, settings.steps_per_record)
-    # The sensitivities at the records are large, and several dives wait for their windows.
-    return on_records, HullPart(information.without_records(), errors, *part, glide)
+    # Without the sensitivities at the records, which are large: several profiles wait for their windows.
+    return on_records, HullContribution(information.without_records(), errors, *variance, glide)
 
 
 def estimate_profiles(
@@ -191,15 +202,15 @@ def estimate_profiles(
     Parameters
     ----------
     profiles : iterable of (key, PreparedProfile)
-        Profiles, taken when they are needed: a generator that reads records has only few of them in memory.
+        Profiles, taken only when they are needed: if they come from a generator, only few are in memory.
     settings : EstimationSettings
         Settings for all of them.
     with_hull : bool
         Whether to return the smoother's estimates. They are computed after the windows, or before if these start from
         the smoothed path.
     threads : concurrent.futures.Executor, optional
-        Threads in which profiles are smoothed while their windows are solved, as far as these do not depend on it; by
-        default one follows the other. Only for a single profile: each one that is being smoothed needs much memory.
+        Threads in which a profile is smoothed while its windows are solved, if these do not depend on the smoother; by
+        default it is smoothed afterwards. For a single profile only, because smoothing takes much memory.
 
     Yields
     ------
@@ -212,8 +223,8 @@ def estimate_profiles(
         The engine cannot run on this machine.
     """
     refused: deque[tuple[Key, ProfileError]] = deque()
-    posed = _posed(profiles, settings, refused, with_hull=with_hull, threads=threads)
-    for work, solution in solve_dives(posed, settings):
+    posed = _pose_profiles(profiles, _Options(settings, with_hull, threads), refused)
+    for work, solution in solve_profiles(posed, settings):
         while refused:
             yield refused.popleft()
         began = time.perf_counter()
@@ -223,8 +234,16 @@ def estimate_profiles(
     yield from refused
 
 
+class _Options(NamedTuple):
+    """Arguments of `estimate_profiles` that are common to all profiles."""
+
+    settings: EstimationSettings
+    with_hull: bool
+    threads: Executor | None
+
+
 class _Work(NamedTuple, Generic[Key]):
-    """A profile whose windows are being solved, and the function that returns its smoothed estimate after them."""
+    """A profile whose windows are being solved, and the function that then returns its smoothed estimate."""
 
     key: Key
     profile: PreparedProfile
@@ -233,52 +252,40 @@ class _Work(NamedTuple, Generic[Key]):
     seconds: float
 
 
-def _posed(
-    profiles: Iterable[tuple[Key, PreparedProfile]],
-    settings: EstimationSettings,
-    refused: deque[tuple[Key, ProfileError]],
-    *,
-    with_hull: bool,
-    threads: Executor | None,
-) -> Iterator[tuple[_Work[Key], DiveProblem]]:
+def _pose_profiles(
+    profiles: Iterable[tuple[Key, PreparedProfile]], options: _Options, refused: deque[tuple[Key, ProfileError]]
+) -> Iterator[tuple[_Work[Key], ProfileProblem]]:
     """Filter as many profiles at a time as there are lanes, and pose the windows of each when it is taken."""
     waiting = iter(profiles)
     while group := list(islice(waiting, LANES)):
         began = time.perf_counter()
-        found = run_filters([profile for _, profile in group], settings)
+        estimates = run_filters([profile for _, profile in group], options.settings)
         share = (time.perf_counter() - began) / len(group)
-        # Only profiles that wait are held here, so that those whose windows are solved free their memory.
-        ready = deque(zip(group, found, strict=True))
-        group, found = [], []
+        # Only waiting profiles are referenced here; those whose windows are solved can thus be freed.
+        ready = deque(zip(group, estimates, strict=True))
+        group, estimates = [], []
         while ready:
             (key, profile), filtered = ready.popleft()
             if isinstance(filtered, ProfileError):
                 refused.append((key, filtered))
                 continue
-            # A separate function, to free its memory, mainly the smoother's, before the next profile is posed.
-            yield _posed_profile(key, profile, filtered, settings, share, with_hull=with_hull, threads=threads)
+            # A separate function, whose memory, mainly the smoother's, is freed before the next profile is posed.
+            yield _pose_profile(key, profile, filtered, options, share)
 
 
-def _posed_profile(
-    key: Key,
-    profile: PreparedProfile,
-    filtered: FilterEstimate,
-    settings: EstimationSettings,
-    seconds: float,
-    *,
-    with_hull: bool,
-    threads: Executor | None,
-) -> tuple[_Work[Key], DiveProblem]:
-    """Smooth a filtered profile if its windows start from that path, and pose them; add the time to its seconds."""
-    began = time.perf_counter()
-    smoothed = smooth_dive(profile, filtered, settings) if _from_smoothed(profile, settings) else None
+def _pose_profile(
+    key: Key, profile: PreparedProfile, filtered: FilterEstimate, options: _Options, seconds: float
+) -> tuple[_Work[Key], ProfileProblem]:
+    """Pose the windows of a filtered profile, after smoothing it if they start from that path; add the time."""
+    began, settings = time.perf_counter(), options.settings
+    smoothed = run_smoother(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
-    rest: Callable[[], _Smoothing]
-    rest = partial(smooth_profile, profile, filtered, settings, smoothed, with_hull=with_hull)
-    if threads is not None:
-        rest = threads.submit(rest).result
+    smoothing: Callable[[], _Smoothing]
+    smoothing = partial(smooth_profile, profile, filtered, settings, smoothed, with_hull=options.with_hull)
+    if options.threads is not None:
+        smoothing = options.threads.submit(smoothing).result
     elif smoothed is not None:
-        # Not after the windows: the smoother's last pass is large, and several dives wait for their windows.
-        found = rest()
-        rest = lambda: found  # noqa: E731
-    return _Work(key, profile, filtered, rest, seconds + time.perf_counter() - began), problem
+        # At once, since the smoother's last pass is large and several profiles wait for their windows.
+        result = smoothing()
+        smoothing = lambda: result  # noqa: E731
+    return _Work(key, profile, filtered, smoothing, seconds + time.perf_counter() - began), problem

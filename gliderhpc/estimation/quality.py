@@ -104,9 +104,9 @@ def _unconverged(platform: Platform, estimate: ProfileEstimate) -> list[str]:
         return []
     implausible = implausible_motion(estimate)
     reasons = Counter(_why_unconverged(window, platform, estimate, implausible) for window in unfinished)
-    named = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
+    listed = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common())
     return [
-        f"{len(unfinished)} of {counted(len(windows), 'window')} did not converge ({named}): flagged in `quality`; "
+        f"{len(unfinished)} of {counted(len(windows), 'window')} did not converge ({listed}): flagged in `quality`; "
         "prefer the smoothed estimate there"
     ]
 
@@ -122,7 +122,7 @@ def _single_window(estimate: ProfileEstimate) -> list[str]:
 
 
 def _why_unconverged(window: WindowRecord, platform: Platform, estimate: ProfileEstimate, implausible: Mask) -> str:
-    """Name the prevailing condition in a window that did not converge."""
+    """Describe the prevailing condition in a window that did not converge."""
     rows = slice(window.start, window.stop)
     if implausible[rows].mean() > _MIN_CAUSE_SHARE:
         return f"where the self-motion is implausible: {_remedy(platform)}"
@@ -139,8 +139,18 @@ def _why_unconverged(window: WindowRecord, platform: Platform, estimate: Profile
 
 def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
     """List remarks for the profile's message, on its record and on its estimate."""
-    series = estimate.series
-    lines = []
+    return [
+        *_remarks_on_record(platform, estimate),
+        *_remarks_on_motion(platform, estimate),
+        *_remarks_on_windows(platform, estimate),
+        *_remarks_on_samples(estimate),
+        *_remarks_on_smoother(estimate),
+    ]
+
+
+def _remarks_on_record(platform: Platform, estimate: ProfileEstimate) -> list[str]:
+    """Remark on the disturbance prior, and on filled, false and noisy samples."""
+    series, lines = estimate.series, []
     if estimate.filtered.prior_name == "rough_water":
         freed = "sway and roll were" if estimate.filtered.prior == ROUGH_WATER else "the yawing moment was"
         lines.append(f"the default disturbance prior does not fit this record, so {freed} given a gust prior")
@@ -151,38 +161,61 @@ def remarks(platform: Platform, estimate: ProfileEstimate) -> list[str]:
             f"measurements are used, every {interval:.3g} s"
         )
     lines += describe_false_samples(series)
-    if louder := noisier_than_stated(platform, series):
+    if deviations := noisier_than_stated(platform, series):
         units = {"depth": "m"}
-        found = ", ".join(f"{name} {value:.2g} {units.get(name, 'degree')}" for name, value in louder.items())
-        lines.append(f"noise taken from the record, since it is larger than the platform file states: {found}")
+        listed = ", ".join(f"{name} {value:.2g} {units.get(name, 'degree')}" for name, value in deviations.items())
+        lines.append(f"noise taken from the record, since it is larger than the platform file states: {listed}")
+    return lines
+
+
+def _remarks_on_motion(platform: Platform, estimate: ProfileEstimate) -> list[str]:
+    """Remark on implausible self-motion in steady glide."""
+    series = estimate.series
     gliding = ~estimate.vibrating & ~stationary_points(series)
-    run = longest_run(implausible_motion(estimate) & gliding, series.step)
-    if run >= STEADY_MINUTE:
-        lines.append(
-            f"self-motion implausible for {run:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
-            f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): {_remedy(platform)}"
-        )
-        lines += filter(None, [describe_unexpected_density(platform, series)])
+    duration = longest_run(implausible_motion(estimate) & gliding, series.step)
+    if duration < STEADY_MINUTE:
+        return []
+    line = (
+        f"self-motion implausible for {duration:.0f} s of steady glide (|angle of attack| over 15 deg or speed outside "
+        f"{SPEED_RANGE[0]}-{SPEED_RANGE[1]} m/s): {_remedy(platform)}"
+    )
+    return [line, *filter(None, [describe_unexpected_density(platform, series)])]
+
+
+def _remarks_on_windows(platform: Platform, estimate: ProfileEstimate) -> list[str]:
+    """Remark on windows without a usable solution, and on those that did not converge."""
+    windows, lines = estimate.solution.windows, []
     for outcome in (Outcome.DIVERGED, Outcome.NO_DATA):
-        count = sum(window.outcome == outcome for window in estimate.solution.windows)
+        count = sum(window.outcome == outcome for window in windows)
         if count:
-            lines.append(f"{count} of {counted(len(estimate.solution.windows), 'window')}: {outcome.sentence}")
-    lines += [*_unconverged(platform, estimate), *_single_window(estimate)]
-    if series.gap_seconds > 0.0:
-        lines.append(f"gaps totalling {series.gap_seconds:.0f} s were ignored")
+            lines.append(f"{count} of {counted(len(windows), 'window')}: {outcome.sentence}")
+    return [*lines, *_unconverged(platform, estimate), *_single_window(estimate)]
+
+
+def _remarks_on_samples(estimate: ProfileEstimate) -> list[str]:
+    """Remark on samples that were not used: gaps, a refused velocity, and samples that the filter rejected."""
+    lines = []
+    if estimate.series.gap_seconds > 0.0:
+        lines.append(f"gaps totalling {estimate.series.gap_seconds:.0f} s were ignored")
     if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:
         lines.append(estimate.profile.velocity.refusal)
     if estimate.filtered.rejected_fraction > 0.0:
         lines.append(estimate.filtered.describe())
+    return lines
+
+
+def _remarks_on_smoother(estimate: ProfileEstimate) -> list[str]:
+    """Remark on vertical motion of the water, and on a simplified or failed smoother."""
+    lines, smoothed = [], estimate.smoothed
     if estimate.hull is not None and estimate.hull.information.vertical_motion > 0.0:
         lines.append(
             "the depth rate varies as in water that moves vertically by about "
             f"{100.0 * estimate.hull.information.vertical_motion:.1f} cm/s (RMS), which the smoothed estimate includes"
         )
-    if estimate.smoothed is not None and estimate.smoothed.simplified:
-        lines.append(f"the smoother did not converge with these settings; simplified: {estimate.smoothed.simplified}")
-    if estimate.smoothed is not None and not estimate.smoothed.outcome.usable:
-        reason = f" ({estimate.smoothed.failure})" if estimate.smoothed.failure else ""
+    if smoothed is not None and smoothed.simplified:
+        lines.append(f"the smoother did not converge with these settings; simplified: {smoothed.simplified}")
+    if smoothed is not None and not smoothed.outcome.usable:
+        reason = f" ({smoothed.failure})" if smoothed.failure else ""
         lines.append(
             f"the smoother has no estimate of this profile{reason}: the filter's is used, without standard deviations"
         )

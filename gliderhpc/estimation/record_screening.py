@@ -51,8 +51,8 @@ def check_sensors(record: ProfileRecord) -> None:
     for start, stop in equal_runs(depth, _STUCK_SAMPLES):
         duration = time[stop - 1] - time[start]
         angle = float(np.median(np.abs(pitch[start:stop])))
-        dived = depth[start] > _SURFACE_DEPTH or stop - start > _WHOLE_RECORD * len(depth)
-        if duration >= _STUCK_TIME and angle > _MIN_PITCH and dived:
+        is_below = depth[start] > _SURFACE_DEPTH or stop - start > _WHOLE_RECORD * len(depth)
+        if duration >= _STUCK_TIME and angle > _MIN_PITCH and is_below:
             raise ProfileError(
                 f"profile {record.number}: the depth stays at {depth[start]:.6g} m for {duration / 60.0:.0f} minutes, "
                 f"from {time[start]:.0f} s on, at a pitch of {np.degrees(angle):.0f} degrees: the sensor had stopped, "
@@ -79,8 +79,8 @@ def without_false_samples(record: ProfileRecord) -> tuple[ProfileRecord, int]:
     samples differ where the glider is steered.
     """
     cleaned = {name: _screened(record, name) for name in MEASURED}
-    lost: dict[str, Any] = {name: values for name, (values, count) in cleaned.items() if count}
-    return (replace(record, **lost) if lost else record), sum(count for _, count in cleaned.values())
+    changed: dict[str, Any] = {name: values for name, (values, count) in cleaned.items() if count}
+    return (replace(record, **changed) if changed else record), sum(count for _, count in cleaned.values())
 
 
 def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
@@ -161,11 +161,11 @@ def _false_controls(time: FloatArray, values: FloatArray, least: float) -> NDArr
 
 
 def jointly_sampled(record: ProfileRecord) -> ProfileRecord:
-    """Put the attitude on the nearest rows with depth if the two are hardly ever in one row.
+    """Move the attitude to the nearest rows with depth if the two are hardly ever in the same row.
 
-    Nothing is interpolated or repeated: a sample is moved by half the interval between depths at most, and those that
-    are not nearest to a depth stay where they are. The depth is not moved, since it changes more within that time than
-    the attitude. Other records are returned unchanged.
+    Nothing is interpolated or repeated: a sample is moved by at most half the interval between depths, and samples that
+    are not nearest to a depth are not moved. Nor is the depth, which changes more within that time than the attitude.
+    Other records are returned unchanged.
 
     Parameters
     ----------
@@ -191,8 +191,8 @@ def _move_to_depth(time: FloatArray, values: FloatArray, deep: NDArray[np.bool_]
     rows, others = np.flatnonzero(deep), np.flatnonzero(np.isfinite(values) & ~deep)
     reach = 0.5 * usual_interval(without_gaps(np.diff(time[rows])))
     source = onto_nearest(time[rows], time[others], others.astype(np.float64), reach)
-    taken = np.isfinite(source) & np.isnan(values[rows])
-    moved, result = source[taken].astype(np.int64), values.copy()
-    result[rows[taken]] = values[moved]
+    is_target = np.isfinite(source) & np.isnan(values[rows])
+    moved, result = source[is_target].astype(np.int64), values.copy()
+    result[rows[is_target]] = values[moved]
     result[moved] = np.nan
     return result

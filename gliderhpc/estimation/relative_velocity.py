@@ -107,8 +107,8 @@ def assess_velocity(
     scatter takes its place.
     """
     deep = np.isfinite(depth) & (depth > MIN_DEPTH)
-    sound = (np.abs(values) <= MAX_VELOCITY) & ~np.isinf(std) & deep[:, None]
-    values = np.where(sound, values, np.nan)
+    usable_values = (np.abs(values) <= MAX_VELOCITY) & ~np.isinf(std) & deep[:, None]
+    values = np.where(usable_values, values, np.nan)
     variance = np.square(np.where((std > 0.0) & np.isfinite(std), std, USUAL_STD))
     glide = usable & deep & (np.abs(angles[:, 1]) > MIN_GLIDE_PITCH)
     refusal = _refusal_by_depth_rate(values, angles, rate, glide, np.asarray(attack))
@@ -139,26 +139,26 @@ def _refusal_by_depth_rate(values: Array, angles: Array, rate: Array, glide: Mas
     )
     residual = np.where(glide, rate - expected, np.nan)
     legs = [residual[leg & np.isfinite(residual)] for leg in (rate > 0.0, rate < 0.0)]
-    judged = [float(np.median(leg)) for leg in legs if len(leg) >= MIN_SAMPLES]
-    if not judged:
+    medians = [float(np.median(leg)) for leg in legs if len(leg) >= MIN_SAMPLES]
+    if not medians:
         return (
             f"the relative velocity is not used: it has fewer than {MIN_SAMPLES} samples of u in steady glide below "
             f"{MIN_DEPTH:g} m, too few to compare with the depth rate"
         )
     typical = float(np.median(np.abs(rate[glide])))
-    both = len(judged) == len(legs)
-    difference = 0.5 * abs(judged[0] - judged[1]) if both else abs(judged[0])
-    absolute, relative = _DISAGREEMENT if both else _ONE_LEG_DISAGREEMENT
+    has_both_legs = len(medians) == len(legs)
+    difference = 0.5 * abs(medians[0] - medians[1]) if has_both_legs else abs(medians[0])
+    absolute, relative = _DISAGREEMENT if has_both_legs else _ONE_LEG_DISAGREEMENT
     if difference <= absolute + relative * typical:
         return ""
-    found = " and ".join(
+    residuals = " and ".join(
         f"{float(np.median(leg)):+.3f} m/s on the {name}"
         for leg, name in zip(legs, ("dive", "climb"), strict=True)
         if len(leg) >= MIN_SAMPLES
     )
     return (
-        f"the relative velocity is not used: it contradicts the depth rate by {found}; u is forward, v starboard, w "
-        "downward in the body frame, in m/s"
+        f"the relative velocity is not used: it contradicts the depth rate by {residuals}; u is forward, v starboard, "
+        "w downward in the body frame, in m/s"
     )
 
 

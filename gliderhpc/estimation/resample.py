@@ -44,11 +44,10 @@ _ROUNDING = 1e-6
 def on_steps(record: ProfileRecord, settings: EstimationSettings, platform: Platform | None = None) -> ProfileSeries:
     """Interpolate a corrected record to the integration steps, with the seawater along it.
 
-    Attitude and depth in different rows are brought together (`jointly_sampled`). Values that were filled in and
-    isolated false samples are left out. The errors of the platform's sensors are removed first, as in the estimation,
-    and then those of the settings.
-    Without a platform, only the latter are removed. The gap limit follows the local sample intervals of the record,
-    since the sampling rate may change with depth.
+    Attitude and depth in different rows are combined (`jointly_sampled`). Values that were filled in and isolated false
+    samples are left out. The errors of the platform's sensors are removed first, then those given by the settings;
+    without a platform, only the latter. The gap limit follows the local sample intervals of the record, since the
+    sampling rate may change with depth.
 
     Raises
     ------
@@ -105,7 +104,7 @@ def corrected(record: ProfileRecord, errors: RecordSettings | Sensors) -> Profil
 
 
 def _shift_earlier(time: FloatArray, values: FloatArray, lag: float) -> FloatArray:
-    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or lies outside the record.
+    """Shift values to earlier times by a lag; NaN where the nearest sample is missing or outside the record.
 
     Each value is that of the nearest sample, plus the change of the smoothed record from there to the shifted time. A
     value interpolated between two samples would have less noise than either, and the most likely lag would be half an
@@ -203,9 +202,9 @@ def _velocity_at_points(
     velocity, velocity_std = np.full((2, steps + 1, 3), np.nan)
     for channel in range(3):
         known = np.isfinite(record.velocity[:, channel]) & (nearest >= 0) & (nearest <= steps)
-        points, place, count = np.unique(nearest[known], return_inverse=True, return_counts=True)
-        velocity[points, channel] = np.bincount(place, record.velocity[known, channel]) / count
-        velocity_std[points, channel] = np.bincount(place, std[known, channel]) / count
+        points, group, count = np.unique(nearest[known], return_inverse=True, return_counts=True)
+        velocity[points, channel] = np.bincount(group, record.velocity[known, channel]) / count
+        velocity_std[points, channel] = np.bincount(group, std[known, channel]) / count
     return velocity, velocity_std
 
 
@@ -260,9 +259,9 @@ def _in_gap(at: FloatArray, sampled: FloatArray, complete: FloatArray, limits: F
 
     No complete sample lies between two neighbouring samples of one measurement, so a single limit applies between them.
     """
-    there = np.clip(np.searchsorted(complete, sampled[:-1] + _ROUNDING) - 1, 0, len(limits) - 1)
+    interval = np.clip(np.searchsorted(complete, sampled[:-1] + _ROUNDING) - 1, 0, len(limits) - 1)
     masked = np.zeros(len(at), dtype=bool)
-    for index in np.flatnonzero(np.diff(sampled) > limits[there] + _ROUNDING):
+    for index in np.flatnonzero(np.diff(sampled) > limits[interval] + _ROUNDING):
         masked |= (at > sampled[index] + _ROUNDING) & (at < sampled[index + 1] - _ROUNDING)
     return masked
 

@@ -53,8 +53,8 @@ def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
     0.02 m/s, and with 0.2 degree the filter refused the record.
     """
     stated = stated_variance(platform)
-    found = np.maximum(noise_of_record(platform, series), rounding_of_record(series))
-    return np.where((found > _MIN_NOISE_RATIO**2 * stated) & (found < _NOT_MEASURED**2), found, stated)
+    observed = np.maximum(noise_of_record(platform, series), rounding_of_record(series))
+    return np.where((observed > _MIN_NOISE_RATIO**2 * stated) & (observed < _NOT_MEASURED**2), observed, stated)
 
 
 def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
@@ -78,9 +78,9 @@ def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
     differences = np.diff(series.measurements[rows], _ORDER, axis=0)[even]
     if len(differences) < _MIN_DIFFERENCES:
         return np.zeros(4)
-    found = (np.median(np.abs(differences), axis=0) / _NORMAL_MEDIAN) ** 2 / comb(2 * _ORDER, _ORDER)
-    found[0] = min(found[0], max(found[1], found[2]))
-    return np.asarray(found)
+    variance = (np.median(np.abs(differences), axis=0) / _NORMAL_MEDIAN) ** 2 / comb(2 * _ORDER, _ORDER)
+    variance[0] = min(variance[0], max(variance[1], variance[2]))
+    return np.asarray(variance)
 
 
 def rounding_of_record(series: ProfileSeries) -> Array:
@@ -89,7 +89,7 @@ def rounding_of_record(series: ProfileSeries) -> Array:
 
 
 def _quantum(values: Array) -> float:
-    """Least distance of distinct values but for a few; zero where most values occur once, as where none is rounded."""
+    """Smallest distance of distinct values, with few exceptions; zero if most values occur once and are not rounded."""
     distinct = np.unique(values[np.isfinite(values)])
     gaps = np.diff(distinct)
     gaps = gaps[gaps > _EQUAL_VALUES]
@@ -115,5 +115,5 @@ def noisier_than_stated(platform: Platform, series: ProfileSeries) -> dict[str, 
     used, stated = sample_variance(platform, series), stated_variance(platform)
     deviations = np.sqrt(used) * np.array([*np.degrees(np.ones(3)), 1.0])
     return {
-        name: float(value) for name, value, louder in zip(MEASURED, deviations, used > stated, strict=True) if louder
+        name: float(value) for name, value, noisier in zip(MEASURED, deviations, used > stated, strict=True) if noisier
     }

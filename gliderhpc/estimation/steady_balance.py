@@ -103,7 +103,7 @@ class SteadyBalance:
 QUANTITIES = ("depth rate", "pitch", "roll", "turn rate")
 
 
-_ROWS_AT_ONCE = 4096
+_MAX_ROWS = 4096
 """Maximum number of stretches, over all hulls, that are solved together."""
 
 
@@ -134,15 +134,15 @@ def steady_balances(
     measured attitude would look like a weaker righting moment. Roll and turn are predicted together from the controls,
     because a turn that the water causes also rolls the hull.
     """
-    at_once = max(1, _ROWS_AT_ONCE // max(1, len(motion.pitch)))
-    for first in range(0, len(gliders), at_once):
-        batch = slice(first, first + at_once)
+    batch_size = max(1, _MAX_ROWS // max(1, len(motion.pitch)))
+    for first in range(0, len(gliders), batch_size):
+        batch = slice(first, first + batch_size)
         flight = SteadyFlight(gliders[batch], bodies[batch], motion, velocity)
         flight.solve_velocity()
         errors = (flight.depth_rate_error(), flight.pitch_error(), flight.lateral_errors())
         count = len(flight.gliders)
-        found = (np.column_stack(errors), flight.states[:, VELOCITY])
-        yield from map(SteadyBalance, *(np.split(values, count) for values in found))
+        results = (np.column_stack(errors), flight.states[:, VELOCITY])
+        yield from map(SteadyBalance, *(np.split(values, count) for values in results))
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ class SteadyFlight:
                 break
 
     def depth_rate_error(self) -> Array:
-        """Depth rate at which no vertical force remains less the measured one (n,), m/s (`steady_balances`)."""
+        """Depth rate (n,) at which the vertical force vanishes, less the measured one, m/s (`steady_balances`)."""
         depth = self._motion.depth
         weights = [
             glider.net_weight(bodies, depth[rows])
@@ -211,20 +211,20 @@ class SteadyFlight:
         return np.asarray((root - 1.0) * self._motion.depth_rate)
 
     def pitch_error(self) -> Array:
-        """Pitch at which no pitch moment remains less the measured one (n,), rad."""
-        slope = self._following(self._by_angle(1, self._frame.by_pitch))
+        """Pitch (n,) at which the pitch moment vanishes, less the measured one, rad."""
+        slope = self._total_derivatives(self._by_angle(1, self._frame.by_pitch))
         return np.asarray(-self._values[:, PITCHING] / slope[:, PITCHING])
 
     def lateral_errors(self) -> Array:
         """Errors (n, 2) of roll and rate of turn, by one Newton step of both for both moments."""
         turning = _product(self._jacobian[:, :, RATES], self._frame.down)
         slopes = [
-            self._following(partials)
+            self._total_derivatives(partials)
             for partials in (self._by_angle(0, self._frame.by_roll), (turning, self._missing_by(turning)))
         ]
         return _solve(np.stack([slope[:, LATERAL] for slope in slopes], axis=2), -self._values[:, LATERAL])
 
-    def _following(self, partials: tuple[Array, Array]) -> Array:
+    def _total_derivatives(self, partials: tuple[Array, Array]) -> Array:
         """Total derivatives (n, 10) of the rates with respect to an angle; the velocity keeps `missing` unchanged."""
         rates, missing = partials
         return rates + _product(self._jacobian[:, :, VELOCITY], _solve(self._by_velocity, -missing))
@@ -259,11 +259,11 @@ class SteadyFlight:
 
 def _frame_of(motion: SteadyMotion) -> _Frame:
     sp, cp, st, ct = np.sin(motion.roll), np.cos(motion.roll), np.sin(motion.pitch), np.cos(motion.pitch)
-    none = np.zeros_like(sp)
+    zero = np.zeros_like(sp)
     down = np.column_stack([-st, sp * ct, cp * ct])
     ahead = np.column_stack([ct, sp * st, cp * st])
-    across = np.column_stack([none, cp, -sp])
-    below = np.column_stack([none, -sp, -cp])
+    across = np.column_stack([zero, cp, -sp])
+    below = np.column_stack([zero, -sp, -cp])
     return _Frame(
         down, ahead, across, (ct[:, None] * across, st[:, None] * across, below), (-ahead, down, np.zeros_like(down))
     )
@@ -281,8 +281,8 @@ def _straight_glide_velocity(platform: Platform, motion: SteadyMotion) -> Array:
 
 def _states(motion: SteadyMotion, down: Array, velocity: Array) -> Array:
     """Sensed states (n, 10) with a velocity (n, 3)."""
-    none = np.zeros_like(motion.pitch)
-    return np.column_stack([motion.roll, motion.pitch, none, motion.depth, velocity, motion.turn_rate[:, None] * down])
+    zero = np.zeros_like(motion.pitch)
+    return np.column_stack([motion.roll, motion.pitch, zero, motion.depth, velocity, motion.turn_rate[:, None] * down])
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Lengths of a dive's windows (section 4.3), changes of the length, and the scale of the unknowns (eq. 38)."""
+"""Lengths of a profile's windows (section 4.3), changes of the length, and the scale of the unknowns (eq. 38)."""
 
 from dataclasses import dataclass
 

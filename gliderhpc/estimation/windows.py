@@ -1,4 +1,4 @@
-"""Windows of a dive: start and handover (section 4.3, Algorithm 1)."""
+"""Windows of a profile: where each starts, and the handover from one to the next (section 4.3, Algorithm 1)."""
 
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -61,8 +61,8 @@ class WindowData:
 
     def iteration_limit(self, settings: EstimationSettings) -> int:
         """Largest number of iterations: a third of the usual one for a long window that may be halved."""
-        most = settings.optimizer.max_iterations
-        return max(1, most // 3) if self.halves_early else most
+        limit = settings.optimizer.max_iterations
+        return max(1, limit // 3) if self.halves_early else limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +138,8 @@ def starting_disturbance(filtered: FilterEstimate, series: ProfileSeries, settin
 
 
 @dataclass(frozen=True, eq=False)
-class DiveProblem:
-    """The inverse problem of one dive, whose windows are solved in turn.
+class ProfileProblem:
+    """The inverse problem of one profile, which is solved window by window.
 
     Attributes
     ----------
@@ -152,8 +152,9 @@ class DiveProblem:
     plan : WindowPlan
         Lengths and thresholds of the windows.
     path : (n+1, 10), optional
-        Sensed states of the path with that disturbance. Each window then starts from a state of the path, and windows
-        are joined (`gliderhpc.estimation.joining`). Without it, each starts from the end of the previous window.
+        Sensed states of the path with that disturbance. If it is given, each window starts from a state of the path,
+        and the solutions are joined (`gliderhpc.estimation.joining`); if not, each starts from the end of the previous
+        window.
     """
 
     profile: PreparedProfile
@@ -177,12 +178,12 @@ class StartingPath(NamedTuple):
 
 def pose_windows(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
-) -> DiveProblem:
+) -> ProfileProblem:
     """Pose the windows of a filtered profile; they start from the filter's disturbance if no path is given."""
     plan = plan_windows(settings, profile.series.sample_interval, filtered.prior)
     if start is None:
-        return DiveProblem(profile, filtered, starting_disturbance(filtered, profile.series, settings), plan)
-    return DiveProblem(profile, filtered, start.disturbances, plan, start.states[:, SENSED])
+        return ProfileProblem(profile, filtered, starting_disturbance(filtered, profile.series, settings), plan)
+    return ProfileProblem(profile, filtered, start.disturbances, plan, start.states[:, SENSED])
 
 
 @dataclass(frozen=True)
@@ -200,8 +201,8 @@ class WindowRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class DiveSolution:
-    """Solution of a dive, joined from its windows.
+class ProfileSolution:
+    """Solution of a profile, joined from its windows.
 
     Attributes
     ----------
@@ -214,7 +215,7 @@ class DiveSolution:
     source : (n,)
         Number of the window whose solution is used at each step.
     seconds : float
-        Computing time; the dive's share if several are solved side by side.
+        Computing time, s; the profile's share if several are solved at the same time.
     from_path : bool
         Whether the windows started from a path.
     """
@@ -229,16 +230,16 @@ class DiveSolution:
 
 @dataclass(frozen=True, eq=False)
 class PosedWindow:
-    """A window of a dive, to be solved: first step, plan, and the sensed state ``(10,)`` from which it starts."""
+    """A window of a profile, to be solved: first step, plan, and the sensed state ``(10,)`` from which it starts."""
 
-    problem: DiveProblem
+    problem: ProfileProblem
     begin: int
     plan: WindowPlan
     state: Array
 
     @property
     def identity(self) -> tuple[int, WindowPlan]:
-        """First step and plan: windows of one path that have these in common are the same."""
+        """First step and plan, which identify a window of a given path."""
         return self.begin, self.plan
 
     @property
@@ -260,7 +261,7 @@ class PosedWindow:
         return data, problem.start[steps]
 
 
-def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSolution, DiveSolution]:
+def window_sequence(problem: ProfileProblem) -> Generator[PosedWindow, WindowSolution, ProfileSolution]:
     """Pose every window in turn and join the solutions that are sent back (Algorithm 1).
 
     A window is retracted if its cost is below the threshold and its end lies outside the vibration set: the next one
@@ -286,9 +287,9 @@ def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSoluti
             solution = replace(solution, outcome=Outcome.DIVERGED)
         usable = solution.outcome.usable
         if usable:
-            joined.put(begin, len(records), solution.disturbances, solution.states)
+            joined.add(begin, len(records), solution.disturbances, solution.states)
         else:
-            joined.put_filter(begin, end, len(records))
+            joined.add_filter(begin, end, len(records))
         retracted = usable and solution.cost < plan.cost_threshold and _may_retract(problem, plan, end)
         records.append(
             WindowRecord(
@@ -300,13 +301,14 @@ def window_sequence(problem: DiveProblem) -> Generator[PosedWindow, WindowSoluti
         if solution.outcome == Outcome.CONVERGED:
             length.count_converged()
     disturbances, states = joined.trajectory()
-    return DiveSolution(disturbances, states, tuple(records), joined.source, from_path=problem.path is not None)
+    return ProfileSolution(disturbances, states, tuple(records), joined.source, from_path=problem.path is not None)
 
 
-def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below_threshold: bool) -> Iterator[PosedWindow]:
-    """Yield the windows expected after one: of the same plan, and all with a cost below the threshold, or none.
+def windows_ahead(problem: ProfileProblem, window: PosedWindow, *, below_threshold: bool) -> Iterator[PosedWindow]:
+    """Predict the windows after a given one.
 
-    There are none if windows start from the end of the previous one.
+    All are assumed to have its plan, and a cost below the threshold if `below_threshold`, else above it. Nothing can be
+    predicted if windows start from the end of the previous one.
     """
     if problem.path is None:
         return
@@ -322,17 +324,17 @@ def windows_ahead(problem: DiveProblem, window: PosedWindow, *, below_threshold:
             yield PosedWindow(problem, begin, plan, problem.path[begin])
 
 
-def _has_data(problem: DiveProblem, begin: int, end: int) -> bool:
+def _has_data(problem: ProfileProblem, begin: int, end: int) -> bool:
     return bool(problem.samples_before[end + 1] > problem.samples_before[begin + 1])
 
 
-def _may_retract(problem: DiveProblem, plan: WindowPlan, end: int) -> bool:
+def _may_retract(problem: ProfileProblem, plan: WindowPlan, end: int) -> bool:
     """Return whether a window that ends at this step is retracted if it is usable and its cost is small."""
     return bool(end < len(problem.profile.bodies) and not problem.profile.vibrating[end] and plan.margin > 0)
 
 
-def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
-    """Solve the windows of one dive, one after the other."""
+def solve_profile(problem: ProfileProblem, solve: Solver) -> ProfileSolution:
+    """Solve the windows of one profile one by one."""
     began = time.perf_counter()
     sequence = window_sequence(problem)
     try:
@@ -340,14 +342,14 @@ def solve_dive(problem: DiveProblem, solve: Solver) -> DiveSolution:
         while True:
             window = sequence.send(solve(*window.task))
     except StopIteration as stop:
-        solution: DiveSolution = stop.value
+        solution: ProfileSolution = stop.value
         return replace(solution, seconds=time.perf_counter() - began)
 
 
 def _is_worse_than_filter(
-    problem: DiveProblem, plan: WindowPlan, solution: WindowSolution, begin: int, end: int
+    problem: ProfileProblem, plan: WindowPlan, solution: WindowSolution, begin: int, end: int
 ) -> bool:
-    """Return whether an unconverged window is over the threshold and follows the record worse than the filter."""
+    """Return whether an unconverged window is above the threshold and fits the record worse than the filter does."""
     series, rows = problem.profile.series, slice(begin + 1, end + 1)
     errors = misfit(problem.filtered.states[rows], series.measurements[rows])
     cost = series.step * float(series.weights[rows] @ (errors**2).sum(axis=1))

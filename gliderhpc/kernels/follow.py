@@ -1,6 +1,6 @@
 """Forward run that follows a path, with the disturbance that makes it a single trajectory of the flight model.
 
-Where windows meet, or overlap and are blended, the disturbances of the resulting path reproduce its states only
+If windows are joined, or blended where they overlap, the disturbances of the resulting path reproduce its states only
 approximately. A run that is steered towards the path by small forces and moments is an exact trajectory, and these
 forces vary on the time scale of the steering.
 """

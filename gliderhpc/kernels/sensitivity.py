@@ -144,16 +144,16 @@ def _add_information(sensitivity, count, matrix):
 
 
 @inner_kernel
-def _begin(dive, forcing, states, disturbances, carried):
+def _begin(problem, forcing, states, disturbances, carried):
     """Set predicted deviation, covariance and sensitivity of the first row from the prior, under every assumption."""
     y = sensed_of(states[0])
     clear(carried.states)
     for a in range(carried.mean.shape[0]):
         for i in range(16):
             value = y[i] if i < 10 else disturbances[0, i - 10]
-            carried.mean[a, i] = dive.mean[i] - value
+            carried.mean[a, i] = problem.mean[i] - value
             for j in range(16):
-                carried.covariance[a, i, j] = dive.deviation[i] * dive.deviation[i] if i == j else 0.0
+                carried.covariance[a, i, j] = problem.deviation[i] * problem.deviation[i] if i == j else 0.0
             for j in range(forcing.start.shape[0]):
                 carried.states[a, i, j] = forcing.start[j, i]
     clear(carried.cross)
@@ -162,22 +162,22 @@ def _begin(dive, forcing, states, disturbances, carried):
 
 
 @inner_kernel
-def _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch):
+def _linearise_block(hull, problem, forcing, states, disturbances, first, stop, scratch):
     """Linearise the segments that begin in rows ``first`` to ``stop`` (exclusive)."""
     segments = scratch.segments
     for number in range(first, min(stop, segments.rows.shape[0] - 1), LANES):
         linearise_with_constants(
-            hull, dive, forcing, states, disturbances, segments, number, scratch.block, number - first, scratch.tally,
-            scratch.gradient, scratch.sensitivity,
+            hull, problem, forcing, states, disturbances, segments, number, scratch.block, number - first,
+            scratch.tally, scratch.gradient, scratch.sensitivity,
         )  # fmt: skip
 
 
 @inner_kernel
-def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information, tape, out, done):
+def _filter_block(problem, assumed, a, forcing, states, first, stop, scratch, information, tape, out, done):
     """Filter rows ``first`` to ``stop`` (exclusive) under one assumption, and predict row ``stop`` if there is one.
 
     The backward sweep needs the transitions and updates of the first assumption, which are stored on the tape, and the
-    state of the filter in the rows asked for, of which ``done`` were before; their new number is returned.
+    state of the filter in the requested rows, of which ``done`` were done before; return their new number.
     """
     segments, block, sensitivity = scratch.segments, scratch.block, scratch.sensitivity
     measured, variance, noise = assumed.measured[a], assumed.variance[a], assumed.noise[a]
@@ -191,7 +191,7 @@ def _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, infor
             sum_noise(noise, segments, number, at // LANES, at)
         clear(block.information[at])
         before = count
-        if dive.fed[k]:
+        if problem.fed[k]:
             count = _assimilate(measured[k], variance[k], forcing, states, k, block, at, sensitivity, score, count)
         copy(block.mean[at], filtered[number])
         if taped:
@@ -225,16 +225,16 @@ def _write_updates(block, sensitivity, at, count, tape, sample):
 
 
 @kernel
-def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch, information, tape, out):
-    """Filter a dive with the sensitivity and sum up its information on ``eta``, under several assumptions of its noise.
+def sum_information(hull, problem, assumed, forcing, states, disturbances, scratch, information, tape, out):
+    """Filter a profile with the sensitivity, and sum its information on ``eta`` under several assumptions of its noise.
 
     The steps and their derivatives, which take most of the time, are common to all assumptions. Where rows are asked
     for, the sensitivity is then smoothed from the end to the beginning, under the first assumption.
 
     Parameters
     ----------
-    hull, dive, assumed, forcing : Hull, Dive, Assumptions, Forcing
-        The problem and its derivatives; the dive's own samples, variances, noise and damping are not used.
+    hull, problem, assumed, forcing : Hull, SmootherProblem, Assumptions, Forcing
+        The problem and its derivatives; the profile's own samples, variances, noise and damping are not used.
     states, disturbances : (n+1, 12), (n+1, 6)
         Path of linearisation. Its rows inside the segments are replaced by the model's run, and its X and Y by the
         displacement.
@@ -245,32 +245,35 @@ def sum_information(hull, dive, assumed, forcing, states, disturbances, scratch,
     tape : Tape
         Memory of the forward sweep for the backward sweep; not used without rows.
     out : SmoothedSensitivity
-        Sensitivities in the rows asked for, and of the displacement, to be filled; nothing is filled without rows.
+        Sensitivities in the requested rows, and of the displacement, to be filled; nothing is filled without rows.
     """
-    dive, assumed, forcing, scratch = with_sizes(dive), with_sizes(assumed), with_sizes(forcing), with_sizes(scratch)
+    problem, assumed, forcing = with_sizes(problem), with_sizes(assumed), with_sizes(forcing)
+    scratch = with_sizes(scratch)
     information, tape, out = with_sizes(information), with_sizes(tape), with_sizes(out)
     states, disturbances = with_columns(states, 12), with_columns(disturbances, 6)
     block, sensitivity, carried = scratch.block, scratch.sensitivity, scratch.carried
     rows, done = scratch.segments.rows.shape[0], 0
-    _begin(dive, forcing, states, disturbances, carried)
+    _begin(problem, forcing, states, disturbances, carried)
     for first in range(0, rows, BLOCK):
         stop = min(first + BLOCK, rows)
-        _linearise_block(hull, dive, forcing, states, disturbances, first, stop, scratch)
+        _linearise_block(hull, problem, forcing, states, disturbances, first, stop, scratch)
         for a in range(carried.mean.shape[0]):
             copy_row(carried, a, block, 0)
             copy(carried.states[a], sensitivity.states[0])
             copy(carried.track_states[a], sensitivity.track[0])
             symmetrise(block.covariance[0])
-            done = _filter_block(dive, assumed, a, forcing, states, first, stop, scratch, information, tape, out, done)
+            done = _filter_block(
+                problem, assumed, a, forcing, states, first, stop, scratch, information, tape, out, done
+            )
             copy_row(block, BLOCK, carried, a)
             copy(sensitivity.states[BLOCK], carried.states[a])
             copy(sensitivity.track[BLOCK], carried.track_states[a])
     if out.rows.shape[0] > 0:
-        _smooth(dive, forcing, scratch, tape, out)
+        _smooth(problem, forcing, scratch, tape, out)
 
 
 @inner_kernel
-def _smooth(dive, forcing, scratch, tape, out):
+def _smooth(problem, forcing, scratch, tape, out):
     """Smooth the sensitivity from the end to the beginning, from the tape."""
     segments, sensitivity = scratch.segments, scratch.sensitivity
     rows, wanted = segments.rows.shape[0], out.rows.shape[0]
@@ -284,7 +287,7 @@ def _smooth(dive, forcing, scratch, tape, out):
             covariance, cross = tape.covariance[wanted], tape.cross[wanted]
             _subtract(covariance, sensitivity.costate, out.states[wanted])
             _subtract(cross, sensitivity.costate, out.track[wanted])
-        if dive.fed[k]:
+        if problem.fed[k]:
             sample = forcing.number[k]
             for channel in range(tape.gain.shape[1] - 1, -1, -1):
                 if tape.inverse[sample, channel] > 0.0:

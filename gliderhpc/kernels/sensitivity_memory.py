@@ -19,7 +19,7 @@ Array = Any
 
 
 class Forcing(NamedTuple):
-    """Derivatives with respect to ``eta`` of a dive's problem with ``n`` steps and ``f`` rows with a sample.
+    """Derivatives with respect to ``eta`` of a profile's problem with ``n`` steps and ``f`` rows with a sample.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Gradient(NamedTuple):
 
 
 class Assumptions(NamedTuple):
-    """Samples, variances and noise of a dive, as in `Dive`, under each of ``a`` assumptions: the first axis."""
+    """Samples, variances and noise as in `SmootherProblem`, under each of ``a`` assumptions along the first axis."""
 
     measured: Array
     variance: Array
@@ -141,7 +141,7 @@ class Tape(NamedTuple):
         Gain, sensitivity of the innovation and reciprocal of its variance, for each channel of each row with a sample;
         zero where it has none.
     covariance, cross : (m, 16, 16), (m, 2, 16)
-        Filtered covariances in the rows asked for.
+        Filtered covariances in the requested rows.
     """
 
     transition: Array
@@ -153,7 +153,7 @@ class Tape(NamedTuple):
 
 
 class Information(NamedTuple):
-    """Information of a dive on ``eta``, under each of ``a`` assumptions; of a single one, without that axis.
+    """Information of a profile on ``eta``, under each of ``a`` assumptions; of a single one, without that axis.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ def columns_for(parameters: int) -> int:
 
 
 def allocate_scratch(rows: Array, forcing: Forcing, assumptions: int = 1) -> Scratch:
-    """Allocate the memory for a number of assumptions of the noise of a dive in segments with first rows `rows`."""
+    """Allocate the memory for a number of assumptions of the noise of a profile in segments with first rows `rows`."""
     longest, moving = int(np.diff(rows).max()), len(forcing.moving)
     acting = np.union1d(forcing.parameter, forcing.moving).astype(np.int64)
     gradient = Gradient(
@@ -253,13 +253,13 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
 
 
 def allocate_information(assumptions: int, segments: int, parameters: int) -> Information:
-    """Allocate the memory for the information of a dive."""
+    """Allocate the memory for the information of a profile."""
     a, q = assumptions, columns_for(parameters)
     return Information(np.zeros((a, q, q)), np.zeros((a, q)), np.zeros((a, segments + 1, 16)))
 
 
 def allocate_tape(segments: int, samples: int, channels: int, rows: int, parameters: int) -> Tape:
-    """Allocate the memory for the tape of a dive with a number of rows with a sample, and of rows asked for."""
+    """Allocate the memory for the tape of a profile, given the numbers of rows with a sample and of requested rows."""
     f, c, q = samples, channels, columns_for(parameters)
     return Tape(
         np.zeros((segments, 11, 16)), np.zeros((f, c, 16)), np.zeros((f, c, q)), np.zeros((f, c)),

@@ -1,4 +1,4 @@
-"""Linearisation of a dive's segments by the states and by constant errors of the hull, one segment in each lane."""
+"""Linearisation of a profile's segments by the states and by constant errors of the hull, one segment in each lane."""
 
 from gliderhpc.kernels.constants_gradient import CONSTANTS, HULL_CONSTANTS, by_constants
 from gliderhpc.kernels.dynamics import geometry_of
@@ -113,7 +113,7 @@ def _scatter_gradient(forcing, gradient, sensitivity, at):
 
 @kernel
 def linearise_with_constants(
-    hull, dive, forcing, states, disturbances, segments, number, block, at, tally, gradient, sensitivity
+    hull, problem, forcing, states, disturbances, segments, number, block, at, tally, gradient, sensitivity
 ):
     """Linearise segments ``number`` to ``number + LANES`` by states and parameters, and save the products of each step.
 
@@ -130,7 +130,7 @@ def linearise_with_constants(
         Memory, in the field `forced` of which the derivatives are stored.
     """
     lanes = segments.lanes
-    gather(dive, states, disturbances, segments, number)
+    gather(problem, states, disturbances, segments, number)
     _gather_slopes(forcing, segments, number, gradient)
     run_model(hull, lanes)
     begin_products(lanes)
@@ -140,7 +140,7 @@ def linearise_with_constants(
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
         add_defects(lanes, s)
         save_products(lanes, at // LANES, s)
-        pull_back(hull, dive.decay, lanes, s, True)
+        pull_back(hull, problem.decay, lanes, s, True)
         _add_gradient(hull, lanes, gradient, s)
     scatter_run(states, segments, number, tally)
     scatter_transition(segments, number, block, at)

@@ -1,4 +1,4 @@
-"""Allocation of the smoother's memory for one dive (`gliderhpc.kernels.smoother_memory`)."""
+"""Allocation of the smoother's memory for one profile (`gliderhpc.kernels.smoother_memory`)."""
 
 from typing import Any
 
@@ -29,14 +29,15 @@ def allocate_block() -> Block:
     )  # fmt: skip
 
 
-def allocate_segments(rows: Array, stands_for: Array = (), *, whole: bool = False) -> Segments:
-    """Allocate the memory of a dive's segments, for the fields `rows` and `stands_for` of `Segments`.
+def allocate_segments(rows: Array, represented_steps: Array = (), *, whole: bool = False) -> Segments:
+    """Allocate the memory of a profile's segments, for the fields `rows` and `represented_steps` of `Segments`.
 
-    The products of all segments are kept only if the `whole` dive is asked for, else those of one block.
+    The products of all segments are stored only if `whole` is set, else those of one block.
     """
     longest = int(np.diff(rows).max())
     return Segments(
-        rows=np.ascontiguousarray(rows, dtype=np.int64), stands_for=np.ascontiguousarray(stands_for, dtype=np.int64),
+        rows=np.ascontiguousarray(rows, dtype=np.int64),
+        represented_steps=np.ascontiguousarray(represented_steps, dtype=np.int64),
         noise=aligned(BLOCK, 16, 16), noise_cross=aligned(BLOCK, 2, 16), noise_track=np.zeros((BLOCK, 2, 2)),
         offset=aligned(BLOCK, 16), by_noise=aligned(LANES, longest, 11, 8),
         lanes=_allocate_lanes(longest, -(-(len(rows) - 1) // LANES) if whole else BLOCK // LANES), half=aligned(3, 8),
@@ -56,9 +57,9 @@ def _allocate_lanes(longest: int, groups: int) -> SegmentLanes:
     )  # fmt: skip
 
 
-def allocate_tape(fed: Array, stands_for: Array) -> Tape:
-    """Allocate the tape of a dive, given which rows between segments have a sample, and `stands_for` of `Segments`."""
-    n, shifted = len(fed), np.asarray(stands_for) > 0
+def allocate_tape(fed: Array, represented_steps: Array) -> Tape:
+    """Allocate the tape, from the mask of the rows between segments with a sample and `Segments.represented_steps`."""
+    n, shifted = len(fed), np.asarray(represented_steps) > 0
     samples, shifts = int(np.sum(fed)), int(np.sum(shifted))
     return Tape(
         mean=aligned(n, 16), covariance=aligned(n, 16, 16), cross=aligned(n, 2, 16), track=np.zeros((n, 2, 2)),
@@ -76,7 +77,7 @@ def _numbers(chosen: Array) -> Array:
 def allocate_backward(segments: int, steps: int, rows: Any = (), *, mean_shift: bool = False) -> Backward:
     """Allocate the memory for the results of the backward sweep.
 
-    The full covariance is computed in `rows`, and the mean shift only if it is asked for.
+    The full covariance is computed in `rows`, and the mean shift only if it is requested.
     """
     wanted = np.asarray(rows, dtype=np.int64)
     n = segments + 1

@@ -271,7 +271,7 @@ def undo_step(transition, block, costate, information):
 
 
 @inner_kernel
-def smoothed_noise(dive, segments, number, costate, information, out):
+def smoothed_noise(problem, segments, number, costate, information, out):
     """Compute the mean of the noise of a segment's steps, and the resolved fraction of its variance ``Q``.
 
     With the derivative ``V`` of the state at the segment's end with respect to a step's noise, they are
@@ -297,8 +297,8 @@ def smoothed_noise(dive, segments, number, costate, information, out):
             store_along(half, (0, first), along)
             store_along(half, (1, first), square)
         for i in range(6):
-            out.noise_mean[k, i] = -dive.noise[k, i] * half[0, NOISE_COLUMN + i]
-            out.noise_resolved[k, i] = dive.noise[k, i] * half[1, NOISE_COLUMN + i]
+            out.noise_mean[k, i] = -problem.noise[k, i] * half[0, NOISE_COLUMN + i]
+            out.noise_resolved[k, i] = problem.noise[k, i] * half[1, NOISE_COLUMN + i]
 
 
 @inner_kernel

@@ -45,8 +45,8 @@ def _load_six(columns, first):
 
 
 @inner_kernel
-def expected_mean_shift(hull, dive, states, disturbances, k, covariance, after, block, mean_shift):
-    """Compute the mean shift ``(16,)`` of a segment's first step, row ``k`` of the dive, right after its `undo_step`.
+def expected_mean_shift(hull, problem, states, disturbances, k, covariance, after, block, mean_shift):
+    """Compute the mean shift ``(16,)`` of a segment's first step, in row ``k``, right after its `undo_step`.
 
     The second derivatives are differences of the step's transpose over at most one standard deviation to either side of
     the path, with one output in each column.
@@ -77,7 +77,7 @@ def expected_mean_shift(hull, dive, states, disturbances, k, covariance, after, 
         # Columns left over are those of no output, at the centre.
         for first in range(0, 16, LANES):
             store_along(columns, (j, _OUTPUTS + first), load_along(product, (j, first)))
-    _transposes(hull, dive, k, columns, block.seeds)
+    _transposes(hull, problem, k, columns, block.seeds)
     for j in range(16):
         for first in range(0, 16, LANES):
             change = load_along(columns, (j, first)) - load_along(columns, (j, _OUTPUTS + first))
@@ -89,9 +89,9 @@ def expected_mean_shift(hull, dive, states, disturbances, k, covariance, after, 
 
 
 @inner_kernel
-def _transposes(hull, dive, k, columns, seeds):
+def _transposes(hull, problem, k, columns, seeds):
     """Replace each column of states and disturbances ``(16, m)`` by the derivatives there of its seed's output."""
-    body, h = load_body(dive.bodies, k), dive.step
+    body, h = load_body(problem.bodies, k), problem.step
     for first in range(0, seeds.shape[1], LANES):
         y, b, a = _load_ten(columns, first), _load_six(columns, first), _load_ten(seeds, first)
         _, stages, geometry = step(hull, body, y, b, h)

@@ -1,4 +1,4 @@
-"""Memory of the smoother for one dive: the problem, its segments, a block of rows, and a tape of all rows.
+"""Memory of the smoother for one profile: the problem, its segments, a block of rows, and a tape of all rows.
 
 The sixteen states of the recursion are the ten sensed ones and the six disturbances; X and Y, on which nothing depends,
 are carried separately as the track.
@@ -28,8 +28,8 @@ LOG_DETERMINANT = 13
 """Index in the tally of half the logarithm of the ratio of the Hessian's determinant to that of the prior."""
 
 
-class Dive(NamedTuple):
-    """Problem of one dive with ``n`` steps.
+class SmootherProblem(NamedTuple):
+    """Problem of one profile with ``n`` steps.
 
     Attributes
     ----------
@@ -64,13 +64,13 @@ class Dive(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Segments into which a dive's steps are divided, and the memory to linearise those of one block of ``m`` rows.
+    """Segments into which a profile's steps are divided, and the memory to linearise those of one block of ``m`` rows.
 
     Attributes
     ----------
     rows : (s+1,) int
-        First row of each segment, and the last row of the dive. Samples are in these rows only.
-    stands_for : (s,) int
+        First row of each segment, and the last row of the profile. Samples are in these rows only.
+    represented_steps : (s,) int
         Number of steps around the first row of each segment that have the mean shift of its first step; where it is
         zero, none is computed.
     noise : (m, 16, 16)
@@ -90,7 +90,7 @@ class Segments(NamedTuple):
     """
 
     rows: Array
-    stands_for: Array
+    represented_steps: Array
     noise: Array
     noise_cross: Array
     noise_track: Array
@@ -157,7 +157,7 @@ class SegmentLanes(NamedTuple):
 class Block(NamedTuple):
     """Rows of one block and the row after it, numbered from its first.
 
-    Of a dive in segments, these are the segments' first rows, and the transitions are those over whole segments.
+    Of a profile in segments, these are the segments' first rows, and the transitions are those over whole segments.
 
     Attributes
     ----------
@@ -267,7 +267,7 @@ class Backward(NamedTuple):
     covariances: Array
 
 
-declare_sizes(Dive, bodies=(11,), noise=(6,), mean=(16,), deviation=(16,), decay=(6,), damping=(6,))
+declare_sizes(SmootherProblem, bodies=(11,), noise=(6,), mean=(16,), deviation=(16,), decay=(6,), damping=(6,))
 declare_sizes(
     Segments,
     noise=(16, 16),

@@ -12,7 +12,7 @@ def move_path(decay, rows, correction, noise_mean, fraction, states, disturbance
     decay : (6,)
         Decay of the disturbances over a step.
     rows : (s+1,) int
-        First row of each segment, and the last row of the dive.
+        First row of each segment, and the last row of the profile.
     correction, noise_mean : (s+1, 16), (n, 6)
         Smoothed deviation of the sensed states and disturbances in these rows, and smoothed noise of each step, by
         which the disturbances move inside the segments.

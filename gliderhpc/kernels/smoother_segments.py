@@ -1,4 +1,4 @@
-"""Linearisation of a dive's segments: each lane takes one segment, and all have the same path of linearisation.
+"""Linearisation of a profile's segments: each lane takes one segment, and all have the same path of linearisation.
 
 Covariances are needed where there are samples, which is once in several steps. A segment is a few steps without a
 sample in between. The model runs from the path's state in its first row with the path's disturbances. Products of the
@@ -27,7 +27,7 @@ def _load_six(array, k, first):
 
 
 @inner_kernel
-def gather(dive, states, disturbances, segments, number):
+def gather(problem, states, disturbances, segments, number):
     """Copy segments ``number`` to ``number + LANES`` into the lanes; a lane too many repeats the last segment."""
     lanes, rows = segments.lanes, segments.rows
     last = rows.shape[0] - 2
@@ -41,12 +41,12 @@ def gather(dive, states, disturbances, segments, number):
         for s in range(lanes.durations.shape[0]):
             k = min(first + s, stop - 1)
             within = first + s < stop
-            lanes.durations[s, lane] = dive.step if within else 0.0
+            lanes.durations[s, lane] = problem.step if within else 0.0
             for i in range(11):
-                lanes.bodies[s, i, lane] = dive.bodies[k, i]
+                lanes.bodies[s, i, lane] = problem.bodies[k, i]
             for i in range(6):
                 lanes.disturbances[s, i, lane] = disturbances[k, i]
-                defect = dive.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
+                defect = problem.decay[i] * disturbances[k, i] - disturbances[k + 1, i]
                 lanes.defects[s, i, lane] = defect if within else 0.0
 
 
@@ -210,7 +210,7 @@ def _pull_row(decay, lanes, s, i, by_stages, h, zero, pushes, with_costates):
 
 @inner_kernel
 def pull_back(hull, decay, lanes, s, with_costates):
-    """Multiply the transition from the right by that of step ``s``; the stages' costates are stored if asked for."""
+    """Multiply the transition from the right by that of step ``s``; the stages' costates are stored if requested."""
     h = load(lanes.durations, s)
     sixth, zero = h / 6.0, zero_like(h)
     pushes = (
@@ -248,7 +248,7 @@ def scatter_run(states, segments, number, tally):
 
 
 @inner_kernel
-def _add_cost_of_noise(dive, segments, number, tally):
+def _add_cost_of_noise(problem, segments, number, tally):
     """Add the disturbances' defects in the segments to the cost."""
     lanes, rows = segments.lanes, segments.rows
     for lane in range(min(LANES, rows.shape[0] - 1 - number)):
@@ -256,7 +256,7 @@ def _add_cost_of_noise(dive, segments, number, tally):
         for k in range(first, rows[number + lane + 1]):
             for i in range(6):
                 defect = lanes.defects[k - first, i, lane]
-                tally[2] += 0.5 * defect * defect / dive.noise[k, i]
+                tally[2] += 0.5 * defect * defect / problem.noise[k, i]
 
 
 @inner_kernel
@@ -329,7 +329,7 @@ def scatter_after(segments, number, tape):
     """Write the transition after the first step of the segments whose mean shift is computed."""
     lanes = segments.lanes
     for lane in range(min(LANES, segments.rows.shape[0] - 1 - number)):
-        if segments.stands_for[number + lane] > 0:
+        if segments.represented_steps[number + lane] > 0:
             after = tape.after[tape.shift[number + lane]]
             for i in range(16):
                 for j in range(10):
@@ -354,12 +354,12 @@ def scatter_products(segments, group):
 
 
 @kernel
-def linearise_segments(hull, dive, states, disturbances, segments, number, group, block, at, tally):
-    """Linearise segments ``number`` to ``number + LANES`` of the dive; results go to rows from ``at`` of the block.
+def linearise_segments(hull, problem, states, disturbances, segments, number, group, block, at, tally):
+    """Linearise segments ``number`` to ``number + LANES`` of the profile; results go to rows from ``at`` of the block.
 
     Parameters
     ----------
-    hull, dive : Hull, Dive
+    hull, problem : Hull, SmootherProblem
         The problem.
     states, disturbances : (n+1, 12), (n+1, 6)
         Path of linearisation. The rows inside the segments are replaced by the model's run, and X and Y by the
@@ -372,27 +372,27 @@ def linearise_segments(hull, dive, states, disturbances, segments, number, group
         Sums as in `gliderhpc.kernels.smoother.forward`; those of defects and noise are added.
     """
     lanes = segments.lanes
-    gather(dive, states, disturbances, segments, number)
+    gather(problem, states, disturbances, segments, number)
     run_model(hull, lanes)
     begin_products(lanes)
     for s in range(lanes.durations.shape[0] - 1, -1, -1):
         add_defects(lanes, s)
         save_products(lanes, group, s)
-        pull_back(hull, dive.decay, lanes, s, False)
+        pull_back(hull, problem.decay, lanes, s, False)
     scatter_run(states, segments, number, tally)
     scatter_transition(segments, number, block, at)
-    sum_noise(dive.noise, segments, number, group, at)
-    _add_cost_of_noise(dive, segments, number, tally)
+    sum_noise(problem.noise, segments, number, group, at)
+    _add_cost_of_noise(problem, segments, number, tally)
 
 
 @inner_kernel
-def run_segments(hull, dive, states, disturbances, segments, tally):
+def run_segments(hull, problem, states, disturbances, segments, tally):
     """Replace the rows inside the segments by the model's run, and X and Y by the displacement along it.
 
     The arguments are those of `linearise_segments`.
     """
     for number in range(0, segments.rows.shape[0] - 1, LANES):
-        gather(dive, states, disturbances, segments, number)
+        gather(problem, states, disturbances, segments, number)
         run_model(hull, segments.lanes)
         scatter_run(states, segments, number, tally)
-        _add_cost_of_noise(dive, segments, number, tally)
+        _add_cost_of_noise(problem, segments, number, tally)

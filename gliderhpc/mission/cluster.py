@@ -146,20 +146,20 @@ def check_versions(client: Any) -> None:
     InputError
         A worker has another version, or no gliderhpc.
     """
-    ours = local_versions()
-    for worker, theirs in sorted(client.run(local_versions, on_error="return").items()):
-        if isinstance(theirs, OSError):
+    local = local_versions()
+    for worker, versions in sorted(client.run(local_versions, on_error="return").items()):
+        if isinstance(versions, OSError):
             continue  # the worker died during the query
-        if not isinstance(theirs, dict):
+        if not isinstance(versions, dict):
             raise InputError(
-                f"worker {worker}: cannot run gliderhpc {ours['gliderhpc']} ({first_line(theirs)}); install the same "
-                "version there"
+                f"worker {worker}: cannot run gliderhpc {local['gliderhpc']} ({first_line(versions)}); install the "
+                "same version there"
             )
-        for name, here in ours.items():
-            if theirs.get(name) != here:
+        for name, required in local.items():
+            if versions.get(name) != required:
                 raise InputError(
-                    f"worker {worker}: has {name} {theirs.get(name)}, but this process has {here}; start workers from "
-                    "the same environment"
+                    f"worker {worker}: has {name} {versions.get(name)}, but this process has {required}; start workers "
+                    "from the same environment"
                 )
 
 
@@ -169,14 +169,14 @@ def _quiet_connections() -> Iterator[None]:
     import distributed  # noqa: F401 - it sets its loggers' levels when it is imported
 
     loggers = {name: logging.getLogger(name) for name in _CONNECTION_LOGGERS}
-    before = {name: logger.level for name, logger in loggers.items()}
+    levels = {name: logger.level for name, logger in loggers.items()}
     for logger in loggers.values():
         logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
         for name, logger in loggers.items():
-            logger.setLevel(before[name])
+            logger.setLevel(levels[name])
 
 
 @contextmanager
@@ -243,12 +243,12 @@ def _read_address(file: Path) -> str:
         if time.monotonic() - began > _CONNECT_TIMEOUT:
             raise InputError(f"{file}: no such file; start `dask scheduler --scheduler-file {file}` first")
         time.sleep(0.2)
-    seen = time.monotonic()
+    file_found = time.monotonic()
     while True:
         try:
             return str(json.loads(file.read_text("utf-8"))["address"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            if time.monotonic() - seen > _FILE_TIMEOUT:
+            if time.monotonic() - file_found > _FILE_TIMEOUT:
                 raise InputError(
                     f"{file}: not a file of `dask scheduler --scheduler-file` ({first_line(error)}); start a scheduler "
                     "with it"
@@ -287,8 +287,8 @@ def _warm_hosts(client: Any, executor: DaskExecutor, warm: Callable[[], None]) -
         for task in ended:
             del tasks[task]
             task.result()
-        there = client.nthreads()
-        lost = [task for task, worker in tasks.items() if worker not in there]
+        workers = client.nthreads()
+        lost = [task for task, worker in tasks.items() if worker not in workers]
         for task in lost:
             del tasks[task]
         client.cancel(lost, force=True)

@@ -20,7 +20,7 @@ from gliderhpc.flight.hull_parameters import (
 )
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.hull_rounds import DiveRounds, HullRounds
+from gliderhpc.mission.hull_rounds import CalibrationRounds, HullRounds
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.calibration import CalibrateSettings
@@ -124,85 +124,75 @@ def calibrate_on_dives(
         No dive can be smoothed, or the hull found has no stable glide, is farther from the platform than its plausible
         deviations allow, or is worse than the platform.
     """
-    found = _run_rounds(inputs, executor, progress)
-    _check_plausible(found)
-    if not glides_stably(Glider(found.platform)):
+    rounds = _run_rounds(inputs, executor, progress)
+    _check_plausible(rounds)
+    if not glides_stably(Glider(rounds.platform)):
         raise CalibrationError(
             "calibration: the hull that fits the dives best has no stable dive and climb; start from another platform, "
             "or choose other `profiles`"
         )
-    errors = errors_in_units(found.base, found.parameters, found.errors.mean, found.errors.covariance)
-    hull = with_deviations_of(inputs.platform, with_covariance(found.platform, errors))
-    fitted, held_out = _judge(inputs, hull)
-    return DiveCalibration(hull, found, fitted, held_out, inputs.settings.rounds.tolerance)
+    errors = errors_in_units(rounds.base, rounds.parameters, rounds.errors.mean, rounds.errors.covariance)
+    hull = with_deviations_of(inputs.platform, with_covariance(rounds.platform, errors))
+    fitted, held_out = _score_on_glides(inputs, hull)
+    return DiveCalibration(hull, rounds, fitted, held_out, inputs.settings.rounds.tolerance)
 
 
 def _run_rounds(inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress) -> HullRounds:
     """Estimate the hull in rounds over the dives."""
     base, settings = inputs.base, inputs.settings
-    # If the rudder moved, its coefficient is marked as stated, which makes it one of the hull's parameters.
+    # If the rudder moved, its coefficient is stated explicitly, which makes it one of the hull's parameters.
     if inputs.segments.actuators[:, 3].any() or inputs.held_out.actuators[:, 3].any():
         base = with_values(base, {"viscous.K_delta": base.viscous.K_delta})
-    known = hull_parameters(base)
-    held = keys_of(settings.calibration.hold, (*known, *PARAMETERS, *PARAMETERS_BY_DENSITY))
-    parameters = tuple(p for p in known if p.key not in held)
+    all_parameters = hull_parameters(base)
+    held_keys = keys_of(settings.calibration.hold, (*all_parameters, *PARAMETERS, *PARAMETERS_BY_DENSITY))
+    parameters = tuple(p for p in all_parameters if p.key not in held_keys)
     fitted, held_out = inputs.numbers
     with executor() as opened, progress(inputs.rounds * (len(fitted) + len(held_out))) as advance:
-        return DiveRounds(
-            inputs.observations,
-            base,
-            parameters,
-            fitted,
-            held_out,
-            estimation=settings,
-            settings=settings.rounds,
-            most=inputs.rounds,
-            turn_test=settings.turn_test,
-            executor=opened,
-            on_dive=advance,
-        ).run(inputs.start)
+        rounds = CalibrationRounds(inputs.observations, base, parameters, fitted, held_out, settings, opened)
+        return rounds.run(inputs.start, inputs.rounds, advance)
 
 
-def _judge(inputs: DiveCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
+def _score_on_glides(inputs: DiveCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
     """Score a hull on the steady glides of the fitted and of the held-out profiles.
 
     Raises
     ------
     CalibrationError
-        The hull has no steady glides there, or is worse on them than the platform or the fit of its trim alone.
+        The hull has no steady glides there, or is worse on them than the platform or than the fit of its trim alone.
     """
-    parts = (inputs.segments, inputs.held_out)
+    segments = (inputs.segments, inputs.held_out)
     with threadpool_limits(limits=1):
         try:
-            shared = [_shared_segments(inputs.observations, hull, part, inputs.settings) for part in parts]
+            shared = [_shared_segments(inputs.observations, hull, each, inputs.settings) for each in segments]
         except InputError as error:
             raise CalibrationError(
                 f"calibration: steady glides of the hull that fits the dives best: {error}"
             ) from error
         numbered = list(zip(inputs.numbers, shared, strict=True))
-        ours, others = (_score(inputs.platform, hull, *each) for each in numbered)
-        ours_by_trim, others_by_trim = (_score(inputs.start, hull, *each) for each in numbered)
-    check_errors(ours, others, _JUDGED_QUANTITIES)
-    # Water that turns the glider can lead the dives to a hull that its steady glides contradict.
-    check_errors(ours_by_trim, others_by_trim, _JUDGED_QUANTITIES, before="the fit of its trim alone")
-    return ours, others
+        fitted, held_out = (_score(inputs.platform, hull, *each) for each in numbered)
+        fitted_from_trim, held_out_from_trim = (_score(inputs.start, hull, *each) for each in numbered)
+    check_errors(fitted, held_out, _JUDGED_QUANTITIES)
+    # In water that turns the glider, the rounds can end at a hull that the steady glides contradict.
+    check_errors(fitted_from_trim, held_out_from_trim, _JUDGED_QUANTITIES, before="the fit of its trim alone")
+    return fitted, held_out
 
 
-def _check_plausible(found: HullRounds) -> None:
+def _check_plausible(rounds: HullRounds) -> None:
     """Refuse a hull that is farther from the base than its plausible deviations allow.
+
+    Strong yaw impulses and gusts can be mistaken for errors of the hull.
 
     Raises
     ------
     CalibrationError
-        The distance is so large that chance alone would produce it in fewer than one mission in a hundred. Strong yaw
-        impulses and gusts can be mistaken for errors of the hull.
+        The distance is so large that chance would produce it in fewer than one mission in a hundred.
     """
-    distance, expected, probability = prior_predictive_test(Gaussian(found.eta, found.errors.covariance))
+    distance, expected, probability = prior_predictive_test(Gaussian(rounds.eta, rounds.errors.covariance))
     if probability < _MIN_PROBABILITY:
-        farthest = int(np.abs(found.eta).argmax())
+        largest = int(np.abs(rounds.eta).argmax())
         raise CalibrationError(
-            f"calibration: the hull that fits the dives best is farther from {found.base.name} than its plausible "
-            f"deviations allow ({found.parameters[farthest].key} by {found.eta[farthest]:+.1f} of them; chi-square "
+            f"calibration: the hull that fits the dives best is farther from {rounds.base.name} than its plausible "
+            f"deviations allow ({rounds.parameters[largest].key} by {rounds.eta[largest]:+.1f} of them; chi-square "
             f"{distance:.0f}, expected {expected:.0f}): motion of the water can act like errors of the hull; if the "
             "hull does differ that much, give larger uncertainty.deviation in the platform file (with a measured "
             "velocity, the deviations of drag and lift are those that it leaves)"
@@ -212,29 +202,30 @@ def _check_plausible(found: HullRounds) -> None:
 def _shared_segments(
     observations: Observations, after: Platform, segments: SteadySegments, settings: CalibrateSettings
 ) -> tuple[SteadySegments, SteadySegments]:
-    """Return the steady segments as found with the first hull, and with the hull after.
+    """Return the segments that are steady both with the first hull and with the calibrated one, as found with each.
 
-    Which segments are steady depends on the hull, and each has the records corrected for its own sensor errors. The
-    segments are those that are steady with both, if any.
+    Which segments are steady depends on the hull, and so do the corrections of the records for sensor errors. If no
+    segment is steady with both hulls, all segments of each are returned.
     """
     numbers = np.unique(segments.profile).tolist()
     if not numbers:
         return segments, segments
-    again = steady_segments(observations, after, numbers, settings, settings.steady)
+    calibrated = steady_segments(observations, after, numbers, settings, settings.steady)
     if np.isfinite(segments.seawater).all():
-        again = again.select(again.in_known_water)
+        calibrated = calibrated.select(calibrated.in_known_water)
     else:
-        again = replace(again, seawater=np.full_like(again.seawater, np.nan))
+        calibrated = replace(calibrated, seawater=np.full_like(calibrated.seawater, np.nan))
     reach = 0.5 * settings.steady.length
-    shared, shared_again = segments.shared_with(again, reach), again.shared_with(segments, reach)
-    return (shared, shared_again) if len(shared) else (segments, again)
+    shared, shared_calibrated = segments.shared_with(calibrated, reach), calibrated.shared_with(segments, reach)
+    return (shared, shared_calibrated) if len(shared) else (segments, calibrated)
 
 
 def _score(
     before: Platform, after: Platform, numbers: Sequence[int], segments: tuple[SteadySegments, SteadySegments]
 ) -> Score:
-    """Compute the errors of the balance for two hulls, each on its own records of the segments of some profiles."""
+    """Compute the errors of the balance for two hulls, each on the segments as found with it (`_shared_segments`)."""
     if not numbers:
         return Score((), 0, NO_ERRORS, NO_ERRORS)
-    own, again = segments
-    return Score(tuple(numbers), len(again), score_of(before, own), score_of(after, again) if len(again) else NO_ERRORS)
+    first, calibrated = segments
+    errors_after = score_of(after, calibrated) if len(calibrated) else NO_ERRORS
+    return Score(tuple(numbers), len(calibrated), score_of(before, first), errors_after)

@@ -19,7 +19,7 @@ from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.warm import warm_kernels
-from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.store_schema.location import Location, is_address
 from gliderhpc.version import __version__
 from gliderhpc.wording import counted
 
@@ -71,8 +71,8 @@ class Check:
     remedy: str = ""
 
 
-def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Check]:
-    """Yield all checks for an archive at `place` and, if given, for a run on `cluster`."""
+def examine(location: Location, cluster: ClusterAddress | None = None) -> Iterable[Check]:
+    """Yield all checks for an archive at `location` and, if given, for a run on `cluster`."""
     yield Check("gliderhpc", State.OK, f"{__version__}, {Path(__file__).parents[1]}")
     yield Check("python", State.OK, f"{platform.python_version()}, {platform.system()} {platform.machine()}")
     yield from map(package, PACKAGES)
@@ -80,9 +80,9 @@ def examine(place: Place, cluster: ClusterAddress | None = None) -> Iterable[Che
     yield kernel_cache()
     yield precompiled()
     yield compiled_kernels()
-    yield write_access(place)
-    if not is_address(place):
-        yield free_disk(Path(place))
+    yield write_access(location)
+    if not is_address(location):
+        yield free_disk(Path(location))
     if cluster is not None:
         yield reachable_cluster(cluster)
     yield from (extra(name) for name in EXTRAS)
@@ -116,7 +116,7 @@ def kernel_cache() -> Check:
 
 
 def precompiled() -> Check:
-    """Report whether precompiled kernels, from the wheel or from a named folder, are in use, and if not, why not."""
+    """Report whether precompiled kernels, from the wheel or a named folder, are used, and the reason if not."""
     folder, reason = precompiled_kernels()
     if folder is None:
         return Check("precompiled", State.ABSENT, reason, "kernels are compiled on this machine instead, once")
@@ -126,39 +126,37 @@ def precompiled() -> Check:
 def compiled_kernels() -> Check:
     """Check whether the kernels are compiled and can be loaded; damaged ones are compiled again."""
     folder = compiled_cache()
-    before = _compiled_in(folder)
-    if before == 0 and precompiled_kernels()[0] is None:
+    count = _compiled_in(folder)
+    if count == 0 and precompiled_kernels()[0] is None:
         return Check(
             "kernels", State.ABSENT, "none compiled yet", "the first run compiles them, in about half a minute"
         )
     began = time.perf_counter()
     warm_kernels()
-    seconds, new = time.perf_counter() - began, _compiled_in(folder) - before
+    seconds, new = time.perf_counter() - began, _compiled_in(folder) - count
     found = (
-        f"{before} compiled, " * bool(before)
-        + f"loaded and run in {seconds:.1f} s"
-        + f"; {new} were missing" * bool(new)
+        f"{count} compiled, " * bool(count) + f"loaded and run in {seconds:.1f} s" + f"; {new} were missing" * bool(new)
     )
     return Check("kernels", State.OK, found)
 
 
-def write_access(place: Place) -> Check:
-    """Check that an archive can be written at a place."""
-    write = (lambda: _write_object(str(place))) if is_address(place) else (lambda: _write_file(Path(place)))
-    return _check_write("write access", str(place), write, "give a `store` that can be written")
+def write_access(location: Location) -> Check:
+    """Check that an archive can be written at a location."""
+    write = (lambda: _write_object(str(location))) if is_address(location) else (lambda: _write_file(Path(location)))
+    return _check_write("write access", str(location), write, "give a `store` that can be written")
 
 
-def free_disk(place: Path) -> Check:
+def free_disk(location: Path) -> Check:
     """Check the free space on the disk of a folder, which need not exist yet."""
-    free = shutil.disk_usage(_existing(place)).free
-    enough = free >= MIN_FREE_BYTES
-    found = f"{free / 2**30:.1f} GiB at {place}"
+    free = shutil.disk_usage(_existing(location)).free
+    is_enough = free >= MIN_FREE_BYTES
+    found = f"{free / 2**30:.1f} GiB at {location}"
     remedy = (
         ""
-        if enough
+        if is_enough
         else f"free some space: a mission takes gigabytes, and this is less than {MIN_FREE_BYTES / 2**30:g} GiB"
     )
-    return Check("free disk", State.OK if enough else State.MISSING, found, remedy)
+    return Check("free disk", State.OK if is_enough else State.MISSING, found, remedy)
 
 
 def reachable_cluster(cluster: ClusterAddress) -> Check:
@@ -197,8 +195,8 @@ def _check_write(name: str, where: str, write: Callable[[], None], remedy: str) 
     except InputError as error:
         return Check(name, State.MISSING, str(error), remedy)
     except OSError as error:
-        why = (error.strerror or str(error) or type(error).__name__).splitlines()[0]
-        return Check(name, State.MISSING, f"{where}: {why}", remedy)
+        reason = (error.strerror or str(error) or type(error).__name__).splitlines()[0]
+        return Check(name, State.MISSING, f"{where}: {reason}", remedy)
     return Check(name, State.OK, f"{where} can be written")
 
 
@@ -219,7 +217,7 @@ def _write_object(address: str) -> None:
     OSError
         The store refuses it.
     """
-    from gliderhpc.store_schema.place import bucket_at, network_errors
+    from gliderhpc.store_schema.location import bucket_at, network_errors
 
     bucket, key = bucket_at(address), f".gliderhpc-doctor-{uuid.uuid4().hex}"
     with network_errors():

@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from gliderhpc.errors import RunStoppedError, message_line
-from gliderhpc.mission.local_workers import Kind, LocalWorkers, Message, default_workers
+from gliderhpc.mission.local_workers import LocalWorkers, Message, MessageKind, default_workers
 from gliderhpc.wording import counted
 
 Job = TypeVar("Job")
@@ -26,9 +26,9 @@ _POLL_INTERVAL = 1.0
 """Seconds between checks of the workers while no result arrives."""
 
 ALLOCATION = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
-"""Thresholds (bytes) below which glibc retains freed memory in local workers. With low ones, such as dask's for its own
-workers, every array of a profile is returned to the kernel and mapped again page by page, which took a third of a
-study's processor time."""
+"""Thresholds (bytes) below which glibc retains freed memory in local workers. With lower thresholds, such as those of
+dask's own workers, every array of a profile is returned to the operating system and mapped again page by page, which
+took a third of a study's processor time."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1, "MKL_NUM_THREADS": 1}
 """Threads of linear algebra in each worker, since there is one worker for each core."""
@@ -56,7 +56,7 @@ class Executor(ABC):
     workers: int
 
     def threads(self, jobs: int) -> int:
-        """Number of threads that each of some jobs may use without taking a core from another."""
+        """Return the number of threads that each of so many concurrent jobs may use without sharing a core."""
         return 1
 
     @abstractmethod
@@ -96,7 +96,7 @@ class SerialExecutor(Executor):
     workers = 1
 
     def threads(self, jobs: int) -> int:
-        """Number of cores: jobs have them in turn."""
+        """Return the number of cores, since jobs run one after another."""
         return default_workers()
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
@@ -138,7 +138,7 @@ class LocalExecutor(Executor):
         self._processes = LocalWorkers(workers, {name: str(value) for name, value in (ALLOCATION | ONE_THREAD).items()})
 
     def threads(self, jobs: int) -> int:
-        """Number of cores for each job; there is one core for each process."""
+        """Return the number of cores for each job; there is one core for each process."""
         return max(1, self.workers // max(1, jobs))
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
@@ -149,7 +149,7 @@ class LocalExecutor(Executor):
     def stream(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield every part of the jobs' results as it arrives, and the error of each job that fails."""
         for message in self._processes.messages(function, jobs, in_parts=True):
-            if message[1] is not Kind.END:
+            if message[1] is not MessageKind.END:
                 yield _attempt_of(message, jobs)
 
     def close(self) -> None:
@@ -158,10 +158,10 @@ class LocalExecutor(Executor):
 
 
 def _attempt_of(message: Message, jobs: Sequence[Any]) -> Attempt:
-    place, kind, value = message
-    if kind is Kind.DIED:
-        return Attempt(jobs[place], error=WorkerKilledError(value))
-    return Attempt(jobs[place], error=value) if kind is Kind.ERROR else Attempt(jobs[place], value)
+    index, kind, value = message
+    if kind is MessageKind.DIED:
+        return Attempt(jobs[index], error=WorkerKilledError(value))
+    return Attempt(jobs[index], error=value) if kind is MessageKind.ERROR else Attempt(jobs[index], value)
 
 
 class DaskExecutor(Executor):
@@ -181,29 +181,29 @@ class DaskExecutor(Executor):
 
     def attempts(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield the outcome of every job as it ends."""
-        for ended in self._rounds(function, jobs):
-            yield from ended
+        for attempts in self._completed(function, jobs):
+            yield from attempts
 
     def stream(self, function: Callable[[Any], Iterable[Any]], jobs: Sequence[Any]) -> Iterator[Attempt]:
         """Yield every part of the jobs' results: when a worker announces it, and again with the job's complete result.
 
-        Workers announce each part as an event of the scheduler; a lost event loses no part.
+        Workers announce each part as an event of the scheduler. If an event is lost, the part comes with the result.
         """
         topic, announced = f"gliderhpc-{uuid.uuid4().hex}", queue.SimpleQueue[tuple[int, bytes]]()
         self._client.subscribe_topic(topic, lambda event: announced.put(event[1]))
         try:
-            for ended in self._rounds(partial(_announce_parts, function, topic), list(enumerate(jobs))):
+            for attempts in self._completed(partial(_announce_parts, function, topic), list(enumerate(jobs))):
                 while not announced.empty():
                     index, part = announced.get()
                     yield Attempt(jobs[index], pickle.loads(part))
-                for attempt in ended:
+                for attempt in attempts:
                     yield from _parts_of(Attempt(attempt.job[1], attempt.result, attempt.error))
         finally:
             if self._client.status == "running":
                 self._client.unsubscribe_topic(topic)
 
-    def _rounds(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[list[Attempt]]:
-        """Yield the outcomes of the jobs that ended since the previous round, at least every second."""
+    def _completed(self, function: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[list[Attempt]]:
+        """Yield the outcomes of the jobs that have ended since the last time, at least every second."""
         futures = self._client.map(partial(_run_synchronously, function), jobs, pure=False, retries=1)
         waiting = dict(zip(futures, jobs, strict=True))
         del futures
@@ -220,12 +220,16 @@ class DaskExecutor(Executor):
     def poll(self, futures: Collection[Any]) -> Iterator[set[Any]]:
         """Yield the futures that have ended, as soon as one has; an empty set every second until then.
 
-        Futures may be removed, not added, between poll. The scheduler must be reachable, and a worker present within
-        the patience.
+        The caller may remove futures from the collection, but not add any.
+
+        Raises
+        ------
+        RunStoppedError
+            The scheduler cannot be reached, or has had no worker for longer than the patience.
         """
         from distributed import wait
 
-        seen = time.monotonic()
+        last_seen = time.monotonic()
         while True:
             try:
                 with self._client.as_current():
@@ -233,10 +237,10 @@ class DaskExecutor(Executor):
             except TimeoutError:
                 done = set()
                 if self._has_workers():
-                    seen = time.monotonic()
+                    last_seen = time.monotonic()
             except CancelledError:
                 raise RunStoppedError(f"the scheduler at {self._address} has stopped or cannot be reached") from None
-            if time.monotonic() - seen > self._patience:
+            if time.monotonic() - last_seen > self._patience:
                 raise RunStoppedError(f"the scheduler at {self._address} has had no worker for {self._patience:.0f} s")
             yield done
 

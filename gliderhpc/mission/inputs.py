@@ -11,7 +11,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import Commit, read_attributes, read_commits
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.version import __version__
 
 FIXES = "fixes"
@@ -20,9 +20,8 @@ FIXES = "fixes"
 
 def differs_in_fixes_only(commit: Commit, inputs: Mapping[str, str]) -> bool:
     """Return whether only the fixes differ, and the commit stores the data needed to recompute the currents."""
-    others = {kind: digest for kind, digest in inputs.items() if kind != FIXES}
-    same = all(commit.inputs.get(kind) == digest for kind, digest in others.items())
-    return same and bool(commit.extra) and commit.row.get("status") == "done"
+    unchanged = all(commit.inputs.get(kind) == digest for kind, digest in inputs.items() if kind != FIXES)
+    return unchanged and bool(commit.extra) and commit.row.get("status") == "done"
 
 
 def common_digests(platform: Platform, settings: MissionSettings) -> dict[str, str]:
@@ -48,7 +47,7 @@ def input_digests(
     mission_start : numpy.datetime64
         Origin of its `elapsed_days`.
     common : mapping of str to str
-        Digests of what all profiles have in common (`common_digests`).
+        Digests of the inputs that all profiles have in common (`common_digests`).
     """
     return {
         **common,
@@ -62,23 +61,23 @@ def earliest_start(observations: Observations) -> np.datetime64:
     return min(map(observations.start_time, observations.profile_numbers))
 
 
-def is_made_from(place: Place, observations: Observations, profiles: Mapping[int, int]) -> bool:
+def is_made_from(location: Location, observations: Observations, profiles: Mapping[int, int]) -> bool:
     """Return whether an archive's profiles were made from these observations, regardless of how a file stores them.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     observations : Observations
         The open file. An identical file is accepted at once; for any other the record of each profile is compared.
     profiles : mapping of int to int
         Positions of the profiles by number.
     """
-    if read_attributes(place).get("observations_digest") == observations.digest():
+    if read_attributes(location).get("observations_digest") == observations.digest():
         return True
     if not set(profiles) <= set(observations.profile_numbers):
         return False
-    commits, start = read_commits(place, profiles.values()), earliest_start(observations)
+    commits, start = read_commits(location, profiles.values()), earliest_start(observations)
     records = {
         number: (commit.inputs.get("record"), commit.inputs.get(FIXES))
         for number, index in profiles.items()

@@ -39,7 +39,7 @@ from gliderhpc.store_schema.digests import Digests
 log = logging.getLogger(__name__)
 
 MAX_BATCH = {"lanes": 3 * LANES, "fortran": 3 * LANES, "scipy": 1}
-"""Maximum number of profiles in a batch by engine. With many profiles, fewer lanes are idle at the end of a batch."""
+"""Maximum number of profiles in a batch, by engine. The more profiles, the fewer lanes are idle at the end."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class BatchJob:
     mission_start : numpy.datetime64
         Origin of `elapsed_days`.
     token : str, optional
-        Token of the run's lock on the archive: once the run has ended, the job writes nothing more.
+        Token of the run's lock on the archive, by which the job recognises that the run has ended; it then stops.
     amendable : mapping of int to Commit
         Earlier commits, by position, of profiles that differ only in their fixes.
     threads : int
@@ -85,7 +85,7 @@ class BatchJob:
 
 @dataclass(frozen=True)
 class ProfileResult:
-    """Result of a profile: its row of the archive's table, nothing larger; amended if only its currents are new."""
+    """Result of a profile: its row of the archive's table, and whether only its currents were recomputed (amended)."""
 
     number: int
     index: int
@@ -103,12 +103,12 @@ def batch_results(job: BatchJob) -> Iterator[ProfileResult]:
 
 
 def run_batch(observations: Observations, job: BatchJob) -> Iterator[ProfileResult]:
-    """Run a job as `batch_results` does, on observations that are open already."""
-    # On vectors this short, threads of linear algebra cost far more than they gain.
+    """Run a job as `batch_results` does, on observations that are already open."""
+    # On such short vectors, threads of linear algebra cost far more time than they save.
     with threadpool_limits(limits=1), spare_threads(job.threads - 1 if job.estimated_count == 1 else 0) as threads:
         batch = _BatchRunner(job, observations)
-        for work, estimate in estimate_profiles(batch.tasks(), job.settings, with_hull=True, threads=threads):
-            batch.finish(work, estimate)
+        for pending, estimate in estimate_profiles(batch.tasks(), job.settings, with_hull=True, threads=threads):
+            batch.finish(pending, estimate)
             yield from batch.new_results()
         yield from batch.new_results()
 
@@ -140,7 +140,7 @@ class _BatchRunner:
             yield self._results.popleft()
 
     def tasks(self) -> Iterator[tuple[_PendingProfile, PreparedProfile]]:
-        """Read each profile's record; unusable ones fail here, and those already committed are skipped."""
+        """Read and prepare each profile; unusable ones are committed as failed, and those already committed skipped."""
         settings, glider = self._job.settings, Glider(self._job.platform)
         common = common_digests(self._job.platform, settings)
         for number, index in self._job.profiles:
@@ -151,7 +151,8 @@ class _BatchRunner:
                 self._results.append(ProfileResult(number, index, dict(commit.row)))
                 continue
             check_held(self._job.store, self._job.token)
-            if (earlier := self._job.amendable.get(index)) is not None and self._amend(number, index, earlier, inputs):
+            amendable = self._job.amendable.get(index)
+            if amendable is not None and self._amend(number, index, amendable, inputs):
                 continue
             row = profile_extent(self._observations, number, self._job.mission_start)
             record = None
@@ -162,40 +163,41 @@ class _BatchRunner:
                 self._rows.begin(index)
                 self._commit(number, index, row | failed_row(str(error), record), inputs, time.perf_counter() - began)
             else:
-                work = _PendingProfile(number, index, row, inputs, record, time.perf_counter() - began)
-                yield work, prepare_profile(glider, series)
+                pending = _PendingProfile(number, index, row, inputs, record, time.perf_counter() - began)
+                yield pending, prepare_profile(glider, series)
 
-    def finish(self, work: _PendingProfile, estimate: ProfileEstimate | ProfileError) -> None:
-        """Write the outcome of a profile."""
-        began, seconds = time.perf_counter(), work.seconds
+    def finish(self, profile: _PendingProfile, estimate: ProfileEstimate | ProfileError) -> None:
+        """Write and commit a profile's estimate, or the error that prevented one."""
+        began, seconds = time.perf_counter(), profile.seconds
         check_held(self._job.store, self._job.token)
-        self._rows.begin(work.index)
+        self._rows.begin(profile.index)
         extra: Row = {}
         if isinstance(estimate, ProfileError):
-            row = failed_row(str(estimate), work.record)
+            row = failed_row(str(estimate), profile.record)
         else:
             seconds += estimate.seconds
             try:
-                row, extra = derive_and_write(self._rows, work.index, work.record, estimate, self._job.settings)
+                row, extra = derive_and_write(self._rows, profile.index, profile.record, estimate, self._job.settings)
                 row["status"] = "done"
             except ProfileError as error:
-                row = failed_row(str(error), work.record)
-        self._commit(work.number, work.index, work.row | row, work.inputs, seconds + time.perf_counter() - began, extra)
+                row = failed_row(str(error), profile.record)
+        seconds += time.perf_counter() - began
+        self._commit(profile.number, profile.index, profile.row | row, profile.inputs, seconds, extra)
 
-    def _amend(self, number: int, index: int, earlier: Commit, inputs: dict[str, str]) -> bool:
+    def _amend(self, number: int, index: int, commit: Commit, inputs: dict[str, str]) -> bool:
         """Recompute the currents of an earlier commit from the new fixes; return False if that is impossible."""
-        if damages(self._job.store, {index: earlier}):
+        if damages(self._job.store, {index: commit}):
             log.warning("profile %d: chunks are damaged; it will be recomputed", number)
             return False
         try:
             record = self._observations.profile(number)
-            row, segments = recompute_currents(record, earlier, self._job.settings, self._job.platform)
+            row, segments = recompute_currents(record, commit, self._job.settings, self._job.platform)
         except (ProfileError, *UNREADABLE) as error:
             log.warning("profile %d: its currents cannot be derived again (%s); it will be recomputed", number, error)
             return False
         self._rows.begin(index)
         self._rows.write(index, "drift_current", segments)
-        commit_profile(self._rows, index, row, inputs, extra=earlier.extra, amended=earlier.manifest)
+        commit_profile(self._rows, index, row, inputs, extra=commit.extra, amended=commit.manifest)
         self._results.append(ProfileResult(number, index, row, amended=True))
         return True
 
@@ -228,9 +230,9 @@ def commit_profile(
     amended: Digests | None = None,
 ) -> None:
     """Commit a profile (`ArchiveRows.commit`); NaN, which JSON cannot represent, is left out and read as missing."""
-    plain = {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}
+    finite = {key: value for key, value in row.items() if not (isinstance(value, float) and not np.isfinite(value))}
     finished = datetime.now(UTC).isoformat(timespec="seconds")
-    rows.commit(index, plain, inputs, finished, extra=extra, amended=amended)
+    rows.commit(index, finite, inputs, finished, extra=extra, amended=amended)
 
 
 @dataclass(frozen=True)
@@ -266,43 +268,44 @@ class RunInputs:
 
 
 def batch_size(settings: MissionSettings, profiles: int, workers: int) -> int:
-    """Return the largest number of profiles in a batch: enough for the engine's lanes, and some for every worker."""
+    """Return the largest number of profiles in a batch, as the engine's lanes and a share for every worker allow."""
     return min(MAX_BATCH[settings.engine], -(-profiles // workers))
 
 
 def batch_sizes(settings: MissionSettings, profiles: int, workers: int) -> list[int]:
-    """Return the numbers of profiles in the batches of a run, in the order in which they are handed out.
+    """Return the numbers of profiles in the batches of a run, in the order in which they are assigned to workers.
 
-    A batch takes half of a worker's share of what is left, but fills the engine's lanes as long as all workers have
-    enough to do. Towards the end of the run batches are therefore small, and the workers end at about the same time.
+    A batch has half of a worker's share of the remaining profiles, but at least as many as the engine has lanes, as
+    long as all workers are occupied. Batches are therefore small towards the end of the run, and the workers end at
+    about the same time.
     """
     sizes: list[int] = []
-    left = profiles
-    while left:
-        half_share = -(-left // (2 * workers))
-        sizes.append(min(batch_size(settings, left, workers), max(half_share, LANES)))
-        left -= sizes[-1]
+    remaining = profiles
+    while remaining:
+        half_share = -(-remaining // (2 * workers))
+        sizes.append(min(batch_size(settings, remaining, workers), max(half_share, LANES)))
+        remaining -= sizes[-1]
     return sizes
 
 
 def profile_results(
-    opened: Executor, work: RunInputs, token: str, profiles: Sequence[tuple[int, int]]
+    executor: Executor, run: RunInputs, token: str, profiles: Sequence[tuple[int, int]]
 ) -> Iterator[ProfileResult]:
     """Run batches of profiles, and retry the unfinished profiles of failed batches singly.
 
     Each result is yielded once, as soon as its profile is committed.
 
-    When a worker dies, the jobs queued on it fail too, even if another job killed it. After a worker's death each
-    profile therefore runs alone.
+    When a worker dies, the jobs queued on it fail too, even if another job killed it. The profiles of a batch whose
+    worker died are therefore retried one by one.
     """
-    left, sizes = iter(profiles), batch_sizes(work.settings, len(profiles), opened.workers)
-    batches = [work.job(tuple(islice(left, size)), token) for size in sizes]
-    threads = opened.threads(sum(batch.estimated_count > 0 for batch in batches))
+    remaining, sizes = iter(profiles), batch_sizes(run.settings, len(profiles), executor.workers)
+    batches = [run.job(tuple(islice(remaining, size)), token) for size in sizes]
+    threads = executor.threads(sum(batch.estimated_count > 0 for batch in batches))
     batches = [replace(batch, threads=threads) for batch in batches]
     raised: list[BatchJob] = []
     killed: list[BatchJob] = []
     finished: set[int] = set()
-    for attempt in opened.stream(batch_results, batches):
+    for attempt in executor.stream(batch_results, batches):
         if attempt.error is None:
             yield from _without_repeats(attempt.result, finished)
         else:
@@ -311,16 +314,16 @@ def profile_results(
             log.warning(
                 "%s: %s; each will be retried individually", _describe_profiles(unfinished), one_line(attempt.error)
             )
-            single = [work.job((profile,), token) for profile in unfinished]
-            (killed if was_killed(attempt.error) else raised).extend(single)
+            retries = [run.job((profile,), token) for profile in unfinished]
+            (killed if was_killed(attempt.error) else raised).extend(retries)
     for jobs in (raised, *([job] for job in killed)):
-        for attempt in opened.stream(batch_results, jobs):
+        for attempt in executor.stream(batch_results, jobs):
             if attempt.error is None:
                 yield from _without_repeats(attempt.result, finished)
             elif attempt.job.profiles[0][0] not in finished:
                 _raise_if_permanent(attempt.error)
                 log.error("%s: failed twice", _describe_profiles(attempt.job.profiles), exc_info=attempt.error)
-                yield _commit_failed(work, token, attempt.job, one_line(attempt.error))
+                yield _commit_failed(run, token, attempt.job, one_line(attempt.error))
 
 
 def _raise_if_permanent(error: Exception) -> None:
@@ -329,14 +332,14 @@ def _raise_if_permanent(error: Exception) -> None:
         raise error
 
 
-def _commit_failed(work: RunInputs, token: str, job: BatchJob, why: str) -> ProfileResult:
+def _commit_failed(run: RunInputs, token: str, job: BatchJob, reason: str) -> ProfileResult:
     """Commit a profile as failed, on behalf of its worker."""
     ((number, index),) = job.profiles
-    check_held(work.store, token)
-    row = profile_extent(work.observations, number, work.start) | failed_row(why)
-    rows = ArchiveRows(work.store)
+    check_held(run.store, token)
+    row = profile_extent(run.observations, number, run.start) | failed_row(reason)
+    rows = ArchiveRows(run.store)
     rows.begin(index)
-    commit_profile(rows, index, row, work.inputs(number))
+    commit_profile(rows, index, row, run.inputs(number))
     return ProfileResult(number, index, row)
 
 

@@ -42,8 +42,8 @@ _WARNINGS_FILTER = "ignore:resource_tracker:UserWarning"
 """Filter of the warning that killed workers have leaked their libraries' locks, which Python's tracker then removes."""
 
 
-class Kind(Enum):
-    """Kinds of message: worker ready, part of a result, end of a job, error of a job, death of a worker."""
+class MessageKind(Enum):
+    """Kind of a message: worker ready, part of a result, end of a job, error of a job, death of a worker."""
 
     READY = 0
     PART = 1
@@ -52,9 +52,9 @@ class Kind(Enum):
     DIED = 4
 
 
-_FINAL_KINDS = (Kind.END, Kind.ERROR, Kind.DIED)
+_FINAL_KINDS = (MessageKind.END, MessageKind.ERROR, MessageKind.DIED)
 
-Message = tuple[int, Kind, Any]
+Message = tuple[int, MessageKind, Any]
 
 
 class LocalWorkers:
@@ -99,13 +99,13 @@ class LocalWorkers:
                         worker.assign(waiting[0], cloudpickle.dumps((function, jobs[waiting[0]], in_parts)))
                         waiting.popleft()
                 for message in self._receive():
-                    place, kind, _ = message
-                    if kind is Kind.DIED:
-                        deaths[place] += 1
-                        if deaths[place] <= ALLOWED_DEATHS:
-                            waiting.appendleft(place)
+                    index, kind, _ = message
+                    if kind is MessageKind.DIED:
+                        deaths[index] += 1
+                        if deaths[index] <= ALLOWED_DEATHS:
+                            waiting.appendleft(index)
                             continue
-                        message = place, kind, deaths[place]
+                        message = index, kind, deaths[index]
                     remaining -= kind in _FINAL_KINDS
                     yield message
         finally:
@@ -127,11 +127,11 @@ class LocalWorkers:
             worker = pipes[pipe]  # type: ignore[index]
             message = worker.receive()
             if message is None:
-                place = worker.job
+                index = worker.job
                 self._remove_dead(worker)
-                if place is not None:
-                    yield place, Kind.DIED, None
-            elif message[1] is Kind.READY:
+                if index is not None:
+                    yield index, MessageKind.DIED, None
+            elif message[1] is MessageKind.READY:
                 self._failed_starts = 0
             else:
                 yield message
@@ -152,19 +152,19 @@ class LocalWorkers:
         self._workers = [worker for worker in self._workers if worker not in ended]
         for worker in ended:
             worker.terminate()
-        until = time.monotonic() + _GRACE_PERIOD
+        deadline = time.monotonic() + _GRACE_PERIOD
         for worker in ended:
-            worker.end(until - time.monotonic())
+            worker.end(deadline - time.monotonic())
 
 
 class _Worker:
     """A process, the pipe to it, and the position of its current job."""
 
     def __init__(self) -> None:
-        self.pipe, theirs = _CONTEXT.Pipe()
-        self._process = _CONTEXT.Process(target=_serve, args=(theirs,), name="gliderhpc-worker", daemon=True)
+        self.pipe, other_end = _CONTEXT.Pipe()
+        self._process = _CONTEXT.Process(target=_serve, args=(other_end,), name="gliderhpc-worker", daemon=True)
         self._process.start()
-        theirs.close()
+        other_end.close()
         self.process_id = self._process.pid
         self.is_starting = True
         self.job: int | None = None
@@ -174,9 +174,9 @@ class _Worker:
     def is_idle(self) -> bool:
         return not self.is_starting and self.job is None
 
-    def assign(self, place: int, task: bytes) -> None:
+    def assign(self, index: int, task: bytes) -> None:
         """Assign a job; if the worker has died, `receive` detects it."""
-        self.job = place
+        self.job = index
         try:
             self.pipe.send_bytes(task)
         except ConnectionError as error:
@@ -191,15 +191,15 @@ class _Worker:
         try:
             kind, value = pickle.loads(content)
         except Exception as error:  # noqa: BLE001 - a result that cannot be read here is the job's error
-            kind, value = Kind.ERROR, error
-        place = -1 if self.job is None else self.job
+            kind, value = MessageKind.ERROR, error
+        index = -1 if self.job is None else self.job
         self.is_starting = False
         if kind in _FINAL_KINDS:
             self.job = None
-        return place, kind, value
+        return index, kind, value
 
     def terminate(self) -> None:
-        """Terminate a worker in a job, which then leaves no partial file; kill an idle one at once."""
+        """Terminate a worker during a job, so that it removes its partial files; kill an idle one."""
         if self.job is None:
             self._process.kill()
         else:
@@ -224,19 +224,19 @@ def _describe_status(status: int | None) -> str:
 
 @contextmanager
 def _spawning(environment: Mapping[str, str]) -> Iterator[None]:
-    """Start processes with these variables and with Ctrl-C blocked, which only this process handles."""
-    warned = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
+    """Set these variables and block Ctrl-C, which only this process handles, for processes started in the block."""
+    filters = [os.environ["PYTHONWARNINGS"]] if "PYTHONWARNINGS" in os.environ else []
     added = {name: value for name, value in environment.items() if name not in os.environ}
     # The same cache as in this process, even if that is a temporary folder; precompiled kernels need none.
     cache = {VARIABLES[0]: str(compiled_cache().parent)} if precompiled_kernels()[0] is None else {}
-    wanted = {**added, **cache, "PYTHONWARNINGS": ",".join([*warned, _WARNINGS_FILTER])}
-    before = {name: os.environ.get(name) for name in wanted}
+    variables = {**added, **cache, "PYTHONWARNINGS": ",".join([*filters, _WARNINGS_FILTER])}
+    previous = {name: os.environ.get(name) for name in variables}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
-    os.environ.update(wanted)
+    os.environ.update(variables)
     try:
         yield
     finally:
-        for name, value in before.items():
+        for name, value in previous.items():
             if value is None:
                 del os.environ[name]
             else:
@@ -258,7 +258,7 @@ def _serve(pipe: "connection.Connection[Any, Any]") -> None:
     # Lazy arrays are computed in this process: there are as many workers as cores already.
     with dask.config.set(scheduler="synchronous"), infrequent_collection():
         try:
-            pipe.send_bytes(pickle.dumps((Kind.READY, None)))
+            pipe.send_bytes(pickle.dumps((MessageKind.READY, None)))
             while True:
                 for message in _messages(pipe.recv_bytes()):
                     pipe.send_bytes(message)
@@ -273,18 +273,18 @@ def _messages(task: bytes) -> Iterator[bytes]:
         if in_parts:
             yield from _parts(result)
             result = None
-        last = cloudpickle.dumps((Kind.END, result))
+        final = cloudpickle.dumps((MessageKind.END, result))
     except Exception as error:  # noqa: BLE001 - the caller decides
-        last = cloudpickle.dumps((Kind.ERROR, _portable(error)))
-    yield last
+        final = cloudpickle.dumps((MessageKind.ERROR, _picklable(error)))
+    yield final
 
 
 def _parts(result: Iterable[Any]) -> Iterator[bytes]:
     for part in result:
-        yield cloudpickle.dumps((Kind.PART, part))
+        yield cloudpickle.dumps((MessageKind.PART, part))
 
 
-def _portable(error: Exception) -> Exception:
+def _picklable(error: Exception) -> Exception:
     """Add the traceback to an error as a note; return only the text of an error that cannot be pickled."""
     error.add_note("".join(traceback.format_exception(error)))
     try:

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 
 from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.output_files import check_parents, link_unless_there
-from gliderhpc.store_schema.place import Place, absolute, is_address, network_errors, with_suffix
+from gliderhpc.store_schema.location import Location, absolute, is_address, network_errors, with_suffix
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ _MAX_BYTES = 4096
 """Maximum number of bytes read from a lock."""
 
 
-class LockPlace(Protocol):
+class LockStore(Protocol):
     """Location of a lock, which only one of several writers can create."""
 
     def create(self, content: bytes) -> bool:
@@ -62,7 +62,7 @@ class LockPlace(Protocol):
         """Remove the lock."""
 
 
-def lock_place_of(name: str) -> LockPlace:
+def lock_store(name: str) -> LockStore:
     """Return the location of the lock of that name."""
     return ObjectLock(name) if is_address(name) else FileLock(Path(name))
 
@@ -77,17 +77,17 @@ class FileLock:
         return str(self._path)
 
     def create(self, content: bytes) -> bool:
-        """Write under a temporary name and link the file; the lock is thus never seen without its content."""
+        """Write under a temporary name and link the file, so that the lock never appears without its content."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        aside = self._temporary_path()
+        temporary = self._temporary_path()
         # Written inside the block: a run that is interrupted at any moment must leave no file.
         try:
-            aside.write_bytes(content)
-            link_unless_there(aside, self._path)
+            temporary.write_bytes(content)
+            link_unless_there(temporary, self._path)
         except FileExistsError:
             return False
         finally:
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
         return True
 
     def read(self) -> bytes | None:
@@ -112,29 +112,29 @@ class FileLock:
 
     def age(self) -> float:
         """Return the age by the file system's clock, which need not be this machine's."""
-        aside = self._temporary_path()
+        temporary = self._temporary_path()
         try:
-            aside.touch()
-            return aside.stat().st_mtime - self._path.stat().st_mtime
+            temporary.touch()
+            return temporary.stat().st_mtime - self._path.stat().st_mtime
         except FileNotFoundError:
             return 0.0
         finally:
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
 
     def release(self, content: bytes) -> None:
         """Rename the file, which only one of several runs can do; restore it if it belongs to another run.
 
         If a third run has acquired the lock in between, there is nothing to restore.
         """
-        aside = self._temporary_path()
+        renamed = self._temporary_path()
         try:
-            self._path.rename(aside)
+            self._path.rename(renamed)
         except FileNotFoundError:
             return
-        if FileLock(aside).read() != content:
+        if FileLock(renamed).read() != content:
             with suppress(FileExistsError):
-                link_unless_there(aside, self._path)
-        aside.unlink()
+                link_unless_there(renamed, self._path)
+        renamed.unlink()
 
     def remove(self) -> None:
         """Remove the file."""
@@ -148,7 +148,7 @@ class ObjectLock:
     """A lock in an object store with conditional puts."""
 
     def __init__(self, address: str) -> None:
-        from gliderhpc.store_schema.place import bucket_at
+        from gliderhpc.store_schema.location import bucket_at
 
         folder, _, self._key = address.rpartition("/")
         self._address = address
@@ -220,13 +220,13 @@ _UNKNOWN_HOLDER = Holder("an unknown host", -1, "an unknown time", "")
 """Holder of a lock whose content cannot be interpreted."""
 
 
-def lock_name(archive: Place) -> str:
+def lock_name(archive: Location) -> str:
     """Return the path or address of an archive's lock."""
     return with_suffix(absolute(archive), SUFFIX)
 
 
 @contextmanager
-def locked(archive: Place) -> Iterator[str]:
+def locked(archive: Location) -> Iterator[str]:
     """Hold an archive's lock, and yield the token by which workers recognise it.
 
     Raises
@@ -234,11 +234,11 @@ def locked(archive: Place) -> Iterator[str]:
     InputError
         Another run holds the lock, or it cannot be written.
     """
-    place = lock_place_of(lock_name(archive))
+    lock = lock_store(lock_name(archive))
     now = datetime.now(UTC).isoformat(timespec="seconds")
     holder = Holder(socket.gethostname(), os.getpid(), now, secrets.token_hex(8), _namespace())
     try:
-        _acquire(place, holder, archive)
+        _acquire(lock, holder, archive)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
@@ -246,25 +246,25 @@ def locked(archive: Place) -> Iterator[str]:
             check_parents(Path(absolute(archive)), "another place with `store`")
         raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with `store`") from None
     stop = threading.Event()
-    refresher = threading.Thread(target=_keep_refreshing, args=(place, holder, stop), daemon=True)
+    refresher = threading.Thread(target=_keep_refreshing, args=(lock, holder, stop), daemon=True)
     refresher.start()
     try:
         yield holder.token
     finally:
         stop.set()
         refresher.join()
-        _release(place, holder)
+        _release(lock, holder)
 
 
-def _release(place: LockPlace, holder: Holder) -> None:
+def _release(lock: LockStore, holder: Holder) -> None:
     try:
-        if _read_holder(place) == holder:
-            place.remove()
+        if _read_holder(lock) == holder:
+            lock.remove()
     except OSError as error:
-        log.warning("the lock %s cannot be removed (%s); after %.0f s it counts as abandoned", place, error, STALE_AGE)
+        log.warning("the lock %s cannot be removed (%s); after %.0f s it counts as abandoned", lock, error, STALE_AGE)
 
 
-def check_held(archive: Place, token: str | None) -> None:
+def check_held(archive: Location, token: str | None) -> None:
     """Check that the run with this token still holds the archive; without a token nothing is checked.
 
     Raises
@@ -274,35 +274,35 @@ def check_held(archive: Place, token: str | None) -> None:
     """
     if token is None:
         return
-    holder = _read_holder(lock_place_of(lock_name(archive)))
+    holder = _read_holder(lock_store(lock_name(archive)))
     if holder is None or holder.token != token:
         raise RunStoppedError(f"{archive}: the run of this job has ended, so nothing more is written for it")
 
 
-def _acquire(place: LockPlace, holder: Holder, archive: Place) -> None:
+def _acquire(lock: LockStore, holder: Holder, archive: Location) -> None:
     content = json.dumps(asdict(holder)).encode()
-    if place.create(content):
+    if lock.create(content):
         return
-    found = place.read()
-    if found is not None:
-        other = _parse_holder(found)
-        if not _is_dead(place, other):
+    existing = lock.read()
+    if existing is not None:
+        other = _parse_holder(existing)
+        if not _is_dead(lock, other):
             raise InputError(
-                f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {place} if that "
+                f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {lock} if that "
                 "run has ended"
             )
         log.warning("%s: taking over from a run that was killed (%s)", archive, other.describe())
-        place.release(found)
-    if not place.create(content):
+        lock.release(existing)
+    if not lock.create(content):
         raise InputError(f"{archive}: another run has just begun to write it; wait for it")
 
 
-def _is_dead(place: LockPlace, other: Holder) -> bool:
+def _is_dead(lock: LockStore, other: Holder) -> bool:
     # A container may share its host's name, but not the numbers of its processes.
-    same = (other.host, other.namespace) == (socket.gethostname(), _namespace())
-    if same and not _is_alive(other.process):
+    on_this_machine = (other.host, other.namespace) == (socket.gethostname(), _namespace())
+    if on_this_machine and not _is_alive(other.process):
         return True
-    return place.age() > STALE_AGE
+    return lock.age() > STALE_AGE
 
 
 def _namespace() -> str:
@@ -325,13 +325,13 @@ def _is_alive(process: int) -> bool:
     return True
 
 
-def _read_holder(place: LockPlace) -> Holder | None:
-    content = place.read()
+def _read_holder(lock: LockStore) -> Holder | None:
+    content = lock.read()
     return None if content is None else _parse_holder(content)
 
 
 def _parse_holder(content: bytes) -> Holder:
-    """Return the holder that a lock names; a lock of unknown content is taken over once it is stale."""
+    """Return the holder stated in a lock; a lock of unknown content is taken over once it is stale."""
     try:
         holder = Holder(**json.loads(content))
     except (ValueError, TypeError, RecursionError):
@@ -341,13 +341,13 @@ def _parse_holder(content: bytes) -> Holder:
     return holder if is_process and all(isinstance(text, str) for text in texts) else _UNKNOWN_HOLDER
 
 
-def _keep_refreshing(place: LockPlace, holder: Holder, stop: threading.Event) -> None:
+def _keep_refreshing(lock: LockStore, holder: Holder, stop: threading.Event) -> None:
     content = json.dumps(asdict(holder)).encode()
     while not stop.wait(REFRESH_INTERVAL):
         try:
-            if _read_holder(place) != holder:
-                log.error("the lock %s was removed; the run stops at its next profile", place)
+            if _read_holder(lock) != holder:
+                log.error("the lock %s was removed; the run stops at its next profile", lock)
                 return
-            place.refresh(content)
+            lock.refresh(content)
         except (OSError, InputError) as error:
-            log.warning("the lock %s cannot be refreshed now: %s", place, error)
+            log.warning("the lock %s cannot be refreshed now: %s", lock, error)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _GROUPS = Path("/sys/fs/cgroup")
-_OWN_GROUPS = Path("/proc/self/cgroup")
+_GROUPS_OF_PROCESS = Path("/proc/self/cgroup")
 
 
 def memory_limit() -> float:
@@ -35,7 +35,7 @@ def _address_space() -> float:
 def _group_limits() -> Iterator[float]:
     """Yield the limits of this process's control groups (versions 2 and 1) and of their parents."""
     try:
-        lines = _OWN_GROUPS.read_text("utf-8").splitlines()
+        lines = _GROUPS_OF_PROCESS.read_text("utf-8").splitlines()
     except OSError:
         return
     for line in lines:
@@ -43,8 +43,8 @@ def _group_limits() -> Iterator[float]:
         if controllers not in ("", "memory"):
             continue
         root, name = (_GROUPS, "memory.max") if not controllers else (_GROUPS / "memory", "memory.limit_in_bytes")
-        place = root / group.lstrip("/")
-        for folder in (place, *place.parents):
+        group_folder = root / group.lstrip("/")
+        for folder in (group_folder, *group_folder.parents):
             if folder.is_relative_to(root):
                 yield _limit_in(folder / name)
 

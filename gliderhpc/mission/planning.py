@@ -106,7 +106,7 @@ class MissionPlan:
 
     def _memory(self, settings: MissionSettings, workers: int) -> float:
         """Return the peak memory of one worker, bytes."""
-        # When the first profile in the lanes ends, the next ones are all filtered at once (fewer if they have a path).
+        # When the first profile in the lanes ends, the next profiles are filtered together (fewer if they have a path).
         ready = min(batch_size(settings, len(self.profiles), workers), 2 * LANES)
         steps = self.longest * (ready * _READY_BYTES_PER_STEP + _smoother_bytes(settings.step))
         return _BASE_MEMORY + steps + self.max_samples * _BYTES_PER_SAMPLE
@@ -129,13 +129,13 @@ def plan_mission(observations: Observations, settings: MissionSettings, profiles
     """
     if not profiles:
         raise InputError(f"{observations.path}: no profile found; check that depth is positive down, in metres")
-    sound = [number for number in profiles if number not in observations.faults]
-    steps = [max(1, int(np.floor(observations.duration(number) / settings.step + 1e-6))) for number in sound] or [1]
-    if sound:
-        _check_margin(observations, settings, sound)
+    usable = [number for number in profiles if number not in observations.faults]
+    steps = [max(1, int(np.floor(observations.duration(number) / settings.step + 1e-6))) for number in usable] or [1]
+    if usable:
+        _check_margin(observations, settings, usable)
     longest = max(steps)
-    samples = [observations.sample_count(number) for number in sound] or [0]
-    _check_longest(observations, sound, steps, samples, settings.step)
+    samples = [observations.sample_count(number) for number in usable] or [0]
+    _check_longest(observations, usable, steps, samples, settings.step)
     sizes = {
         "sample": longest + 1,
         "record": longest // settings.steps_per_record + 1,

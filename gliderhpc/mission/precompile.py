@@ -39,7 +39,7 @@ def used_signatures() -> Signatures:
         for dispatcher in _dispatchers()
         for types in dispatcher.overloads
     ]
-    return sorted(found, key=lambda one: (one[0], one[1], str(one[2])))
+    return sorted(found, key=lambda entry: (entry[0], entry[1], str(entry[2])))
 
 
 def _dispatchers() -> Iterator[Any]:

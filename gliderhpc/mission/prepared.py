@@ -15,7 +15,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger(__name__)
@@ -41,9 +41,9 @@ class PreparedMission:
     plan: MissionPlan
     workers: int
 
-    def needed(self, place: Place) -> tuple[Path, ...]:
+    def needed(self, location: Location) -> tuple[Path, ...]:
         """Return the files that workers on other machines must see: observations, and the lock of a local archive."""
-        return (self.observations.path, *([Path(lock_name(place))] if isinstance(place, Path) else []))
+        return (self.observations.path, *([Path(lock_name(location))] if isinstance(location, Path) else []))
 
 
 def prepare_mission(

@@ -1,8 +1,7 @@
 """A profile's currents in the archive, and the displacements from which they are recomputed when fixes arrive.
 
 The fixes after a dive often arrive only with the files of the next dive. The displacements through the water are
-therefore stored with the profile's commit. When fixes arrive, the currents are recomputed from these, and nothing is
-inverted again.
+therefore stored with the profile's commit, and the currents are recomputed from them without another inversion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -86,14 +85,14 @@ def tracks_of(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfM
     motion, conventional : SelfMotion
         Displacement from the windows, and from the glide-angle relation.
     by_hull : bool
-        Whether the covariance contains the hull's errors, where the estimate has them (setting ``currents.budget``).
+        Whether the covariance contains the hull's errors if the estimate has them (setting ``current.budget``).
     """
     series, smoothed = estimate.series, estimate.smoothed
     cycles, with_hull = cycles_of(series), by_hull and estimate.hull is not None
     filtered = None
     if estimate.solution.from_path:
-        drifted = model_motion(estimate.filtered.states, estimate.vibrating, series.step)
-        filtered = track_of(series, drifted, cycles)
+        filter_motion = model_motion(estimate.filtered.states, estimate.vibrating, series.step)
+        filtered = track_of(series, filter_motion, cycles)
     return Tracks(
         adjoint=track_of(series, motion, cycles),
         covariance=smoothed.displacement_covariance if with_hull and smoothed is not None else None,
@@ -126,7 +125,7 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
         Terms of the currents' uncertainty.
     """
     adjoint = depth_averaged_current(record, tracks.adjoint, errors, tracks.covariance)
-    smoothed = _current_by_smoother(record, tracks, errors)
+    smoothed = _smoothed_current(record, tracks, errors)
     filtered = None if tracks.filtered is None else depth_averaged_current(record, tracks.filtered, errors)
     conventional = depth_averaged_current(record, tracks.glide_angle, errors)
     if adjoint is not None and smoothed is not None:
@@ -145,7 +144,7 @@ def current_rows(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -
     return row, _segments(() if adjoint is None else adjoint.segments)
 
 
-def _current_by_smoother(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
+def _smoothed_current(record: ProfileRecord, tracks: Tracks, errors: CurrentErrors) -> DepthAveragedCurrent | None:
     """Return the smoother's current, or None if its outcome is not usable or a fix is missing."""
     track = tracks.smoothed
     if track is None:
@@ -230,9 +229,9 @@ def _track_as_json(track: Track) -> Row:
     }
 
 
-def _track_from_json(plain: Mapping[str, Any]) -> Track:
-    clock, positions, total, bridged = (_array(plain[name]) for name in ("clock", "positions", "total", "bridged"))
-    return Track(np.array(plain["samples"], dtype=np.int64), clock, positions, total, float(bridged))
+def _track_from_json(content: Mapping[str, Any]) -> Track:
+    clock, positions, total, bridged = (_array(content[name]) for name in ("clock", "positions", "total", "bridged"))
+    return Track(np.array(content["samples"], dtype=np.int64), clock, positions, total, float(bridged))
 
 
 def _numbers(values: ArrayLike) -> Any:

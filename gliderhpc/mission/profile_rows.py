@@ -12,7 +12,7 @@ from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.quality import buoyancy_remarks, quality_flags, remarks
 from gliderhpc.estimation.self_motion import SelfMotion, glide_angle_motion, model_motion
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.posterior import HullPart, adjoint_deviation
+from gliderhpc.estimation.smoother.posterior import HullContribution, adjoint_deviation
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, TEMPERATURE
 from gliderhpc.flight.hull_parameters import among_parameters
 from gliderhpc.mission.profile_currents import (
@@ -69,14 +69,14 @@ def derive_and_write(
     motion = model_motion(estimate.solution.states, estimate.vibrating, series.step)
     conventional = glide_angle_motion(platform, series, estimate.vibrating)
     tracks = tracks_of(estimate, motion, conventional, by_hull=settings.current.by_hull)
-    by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
+    currents, segments = current_rows(record, tracks, settings.current.errors(platform))
     groups = _groups(record, estimate, settings.steps_per_record) | {"drift_current": segments}
     water = series.seawater if by_density(platform, series) else None
     if water is not None:
         groups["observed"] |= _seawater(water, settings.steps_per_record)
     for group, values in groups.items():
         rows.write(index, group, values)
-    row = _estimate_row(estimate, motion, conventional) | by_fixes
+    row = _estimate_row(estimate, motion, conventional) | currents
     row["buoyancy"] = BUOYANCY.meanings["depth_slope" if water is None else "density"]
     if estimate.smoothed is not None:
         clock = epoch_seconds(record.epoch) + series.time[:: settings.steps_per_record]
@@ -84,19 +84,19 @@ def derive_and_write(
         row |= _smoothed_row(estimate.smoothed)
         if estimate.hull is not None:
             rows.write(index, "hull", hull_row(estimate.hull))
-    own = [*buoyancy_remarks(platform, series), *remarks(platform, estimate)]
-    row["message"] = _message(record, by_fixes, own)
-    return row, tracks_as_json(tracks, own)
+    estimate_remarks = [*buoyancy_remarks(platform, series), *remarks(platform, estimate)]
+    row["message"] = _message(record, currents, estimate_remarks)
+    return row, tracks_as_json(tracks, estimate_remarks)
 
 
-def _message(record: ProfileRecord, currents: Row, own: list[str]) -> str:
+def _message(record: ProfileRecord, currents: Row, estimate_remarks: list[str]) -> str:
     """Join the notes on a record, the warning about its current if there is one, and the remarks on its estimate."""
     velocity = np.array([currents.get(f"dac_{name}", np.nan) for name in ("north", "east")])
-    return "; ".join([*record.notes, *describe_implausible_current(velocity), *own])
+    return "; ".join([*record.notes, *describe_implausible_current(velocity), *estimate_remarks])
 
 
 def failed_row(message: str, record: ProfileRecord | None = None) -> Row:
-    """Return the table entries of a failed profile; the notes on its record, if there is one, may give the reason."""
+    """Return the table entries of a failed profile; its message includes the notes on its record."""
     return {"status": "failed", "message": "; ".join([*(() if record is None else record.notes), message])}
 
 
@@ -124,10 +124,10 @@ def recompute_currents(
     KeyError, TypeError, ValueError
         The content stored with the commit does not have this version's form.
     """
-    tracks, own = tracks_from_json(commit.extra)
-    by_fixes, segments = current_rows(record, tracks, settings.current.errors(platform))
-    rest = {name: value for name, value in commit.row.items() if not name.startswith(BY_FIXES)}
-    return rest | by_fixes | {"message": _message(record, by_fixes, own)}, segments
+    tracks, estimate_remarks = tracks_from_json(commit.extra)
+    currents, segments = current_rows(record, tracks, settings.current.errors(platform))
+    unaffected = {name: value for name, value in commit.row.items() if not name.startswith(BY_FIXES)}
+    return unaffected | currents | {"message": _message(record, currents, estimate_remarks)}, segments
 
 
 def _groups(record: ProfileRecord, estimate: ProfileEstimate, every: int) -> dict[str, Row]:
@@ -195,25 +195,25 @@ def _smoothed_row(smoothed: SmoothedEstimate) -> Row:
     return {f"smoothed/{name}": value for name, value in row.items()}
 
 
-def hull_row(hull: HullPart) -> dict[str, Array]:
+def hull_row(hull: HullContribution) -> dict[str, Array]:
     """Return a profile's row of group ``hull``, with missing values for parameters without effect."""
     information = hull.information
-    placed = partial(among_parameters, keys=information.names)
-    alone = np.array([hull.errors.mean, np.sqrt(np.diag(hull.errors.covariance))])
+    expanded = partial(among_parameters, keys=information.names)
+    estimate = np.array([hull.errors.mean, np.sqrt(np.diag(hull.errors.covariance))])
     if not information.is_sound:
-        alone[:] = np.nan
+        estimate[:] = np.nan
     return {
-        "value": placed(information.value),
-        "plausible_deviation": placed(information.plausible_deviation),
-        "score": placed(information.score),
-        "information": placed(placed(information.information).T).T,
-        "score_other": np.array([placed(score) for score, _ in information.others]),
-        "information_other": np.array([placed(placed(matrix).T).T for _, matrix in information.others]),
-        "estimate_alone": placed(alone[0]),
-        "estimate_alone_std": placed(alone[1]),
-        "displacement_sensitivity": placed(information.displacement),
-        "median_sensitivity": placed(hull.glide.medians),
-        "speed_sensitivity": placed(hull.glide.speeds),
+        "value": expanded(information.value),
+        "plausible_deviation": expanded(information.plausible_deviation),
+        "score": expanded(information.score),
+        "information": expanded(expanded(information.information).T).T,
+        "score_other": np.array([expanded(score) for score, _ in information.others]),
+        "information_other": np.array([expanded(expanded(matrix).T).T for _, matrix in information.others]),
+        "estimate_alone": expanded(estimate[0]),
+        "estimate_alone_std": expanded(estimate[1]),
+        "displacement_sensitivity": expanded(information.displacement),
+        "median_sensitivity": expanded(hull.glide.medians),
+        "speed_sensitivity": expanded(hull.glide.speeds),
         "displacement_covariance": hull.displacement_covariance,
         "variance_share": hull.share,
     }

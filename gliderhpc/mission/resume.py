@@ -1,4 +1,4 @@
-"""Resumption of a run: find the profiles that are valid, extend the archive, and clear those that are not valid."""
+"""Resumption of a run: determine the valid profiles, extend the archive, and clear the profiles to be recomputed."""
 
 import logging
 from collections import Counter
@@ -26,27 +26,27 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.commits import Commit, damages
 from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.deep_check import Fault, as_lines, damaged_studies
+from gliderhpc.store_schema.location import Location, remove_partial_files
 from gliderhpc.store_schema.maintenance import check_continuation, grow_archive, mark_studies_outdated, mend_metadata
-from gliderhpc.store_schema.place import Place, remove_partial_files
 from gliderhpc.wording import counted
 
 log = logging.getLogger(__name__)
 
-KINDS = {
+DIFFERENCES = {
     "software": "another version of gliderhpc",
     "settings": "other settings",
     "platform": "another platform",
     "record": "another record",
     FIXES: "other fixes",
 }
-"""Kinds of input, each with the description of a difference, in the order in which they are reported."""
+"""Description of a difference by kind of input, in the order in which differences are reported."""
 
 MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
 
 
-def describe_difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> str | None:
-    """Describe the first input of a profile that differs from the required one, or return None if all are the same."""
-    return next((text for kind, text in KINDS.items() if found.get(kind) != wanted[kind]), None)
+def describe_difference(committed: Mapping[str, str], required: Mapping[str, str]) -> str | None:
+    """Describe the first input of a commit that differs from the required one, or return None if all are the same."""
+    return next((text for kind, text in DIFFERENCES.items() if committed.get(kind) != required[kind]), None)
 
 
 @dataclass(frozen=True)
@@ -74,18 +74,18 @@ class Validity:
         """Describe for the log the numbers of valid profiles and of those to be computed, by reason."""
         counts = Counter(self.outstanding.values())
         reasons = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
-        rest = f"to be computed: {reasons}" if reasons else "nothing to compute"
-        return f"{counted(len(self.valid), 'profile is', 'profiles are')} valid; {rest}"
+        outstanding = f"to be computed: {reasons}" if reasons else "nothing to compute"
+        return f"{counted(len(self.valid), 'profile is', 'profiles are')} valid; {outstanding}"
 
 
 def check_profiles(
-    place: Place, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]], check_last: int | None = None
+    location: Location, numbers: Sequence[int], inputs: Mapping[int, Mapping[str, str]], check_last: int | None = None
 ) -> Validity:
     """Determine the valid profiles: those that are done, have these inputs, and have undamaged chunks.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     numbers : sequence of int
         Numbers of its profiles.
@@ -95,7 +95,7 @@ def check_profiles(
         Number of profiles at the end whose chunks are checked; by default all, which takes longer.
     """
     first_checked = 0 if check_last is None else len(numbers) - check_last
-    commits = read_commits(place)
+    commits = read_commits(location)
     reasons = {index: _describe_reason(commits.get(index), inputs.get(index)) for index in range(len(numbers))}
     outstanding = {index: reason for index, reason in reasons.items() if reason is not None}
     candidates = {
@@ -103,18 +103,19 @@ def check_profiles(
         for index, reason in reasons.items()
         if reason is None and isinstance(commit := commits[index], Commit)
     }
-    found = damages(place, {index: commit for index, commit in candidates.items() if index >= first_checked})
-    outstanding |= {damage.profile_index: DAMAGED for damage in found}
+    damaged = damages(location, {index: commit for index, commit in candidates.items() if index >= first_checked})
+    outstanding |= {damage.profile_index: DAMAGED for damage in damaged}
     valid = {index: dict(commit.row) for index, commit in candidates.items() if index not in outstanding}
     faults = [
-        Fault(f"profile {numbers[one.profile_index]}", one.variable, one.what, "it will be recomputed") for one in found
+        Fault(f"profile {numbers[damage.profile_index]}", damage.variable, damage.what, "it will be recomputed")
+        for damage in damaged
     ]
     amendable = {
-        index: earlier
+        index: committed
         for index in outstanding
-        if isinstance(earlier := commits.get(index), Commit)
+        if isinstance(committed := commits.get(index), Commit)
         and index in inputs
-        and differs_in_fixes_only(earlier, inputs[index])
+        and differs_in_fixes_only(committed, inputs[index])
     }
     return Validity(valid, dict(sorted(outstanding.items())), tuple(as_lines(faults)), amendable)
 
@@ -132,13 +133,13 @@ def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | No
 
 
 def examine_archive(
-    work: RunInputs, plan: MissionPlan, append: bool, check_last: int | None = None
+    run: RunInputs, plan: MissionPlan, append: bool, check_last: int | None = None
 ) -> tuple[list[int], Validity]:
-    """Determine the valid profiles of an archive; nothing is changed except damaged metadata, which are repaired.
+    """Determine the valid profiles of an archive; nothing is changed except damaged metadata, which is repaired.
 
     Parameters
     ----------
-    work : RunInputs
+    run : RunInputs
         Inputs and archive of the run.
     plan : MissionPlan
         Profiles and sizes of the run.
@@ -159,7 +160,7 @@ def examine_archive(
     InputError
         There is no archive, or this run cannot continue it.
     """
-    store = work.store
+    store = run.store
     for name in mend_metadata(store):
         log.warning("%s: %s: the metadata is damaged; it is written again from the schema", store, name)
     _check_version(store)
@@ -170,7 +171,7 @@ def examine_archive(
     else:
         _check_structure(store)
         _check_fits(store, numbers, plan)
-    inputs = {i: work.inputs(n) for i, n in enumerate(numbers)}
+    inputs = {index: run.inputs(number) for index, number in enumerate(numbers)}
     validity = check_profiles(store, numbers, inputs, check_last)
     log.info("%s: %s", store, validity.describe())
     for line in (*validity.damages, *damaged_studies(store)):
@@ -179,16 +180,16 @@ def examine_archive(
 
 
 def prepare_archive(
-    work: RunInputs, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool
+    run: RunInputs, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool
 ) -> None:
-    """Prepare an archive for the run: add space for new profiles, clear the markers of outstanding ones, update tables.
+    """Prepare an archive for the run: extend it for new profiles, clear the markers of outstanding ones, update tables.
 
     Parameters
     ----------
-    work, plan, append
+    run, plan, append
         Arguments of :func:`examine_archive`.
     attributes : dict
-        Root attributes of the archive, which replace the present ones.
+        Root attributes of the archive, which replace the existing ones.
     validity : Validity
         Result of :func:`examine_archive`.
 
@@ -197,7 +198,7 @@ def prepare_archive(
     InputError
         The grown archive does not conform to the schema.
     """
-    store = work.store
+    store = run.store
     remove_partial_files(store)
     if append:
         grow_archive(store, plan.profiles, plan.sizes)
@@ -239,9 +240,9 @@ def _check_fits(store: str, numbers: list[int], plan: MissionPlan) -> None:
             "`append=True`, or use `overwrite=True`"
         )
     sizes = mission_sizes(store)
-    short = [dim for dim, size in plan.sizes.items() if size > sizes[dim]]
-    if short:
+    too_short = [dim for dim, size in plan.sizes.items() if size > sizes[dim]]
+    if too_short:
         raise InputError(
-            f"{store}: its rows are too short for these inputs ({', '.join(short)}); use `append=True`, which "
+            f"{store}: its rows are too short for these inputs ({', '.join(too_short)}); use `append=True`, which "
             "lengthens them, or `overwrite=True`"
         )

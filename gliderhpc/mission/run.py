@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,8 +31,8 @@ from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import BUOYANCY, consolidate, create_archive, write_mission_table
 from gliderhpc.store_schema.commits import is_begun
-from gliderhpc.store_schema.create import check_place, new_archive
-from gliderhpc.store_schema.place import Place, absolute, place_in_memory, remove_partial_files
+from gliderhpc.store_schema.create import check_location, new_archive
+from gliderhpc.store_schema.location import Location, absolute, location_in_memory, remove_partial_files
 from gliderhpc.store_schema.replacement import restore_set_aside
 from gliderhpc.store_schema.schema import COMMITS, DISTURBANCE_PRIOR
 from gliderhpc.version import __version__
@@ -45,8 +45,8 @@ TABLE_INTERVAL = 5.0
 
 ExecutorContext = AbstractContextManager[Executor]
 
-_FOR_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
-"""Settings of the smoother that act from its second pass on."""
+_SETTINGS_OF_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
+"""Settings of the smoother that have an effect only if it makes several passes."""
 
 _MIN_PROFILES_TO_TUNE = 3
 """Minimum number of profiles for advice on the disturbance prior."""
@@ -78,7 +78,7 @@ class MissionResult:
 
 def run_mission(
     prepared: PreparedMission,
-    store: Place,
+    store: Location,
     executor: Callable[[], ExecutorContext],
     *,
     existing: Existing = Existing.REFUSE,
@@ -95,18 +95,18 @@ def run_mission(
     store : str or Path
         The archive.
     executor : callable
-        Opens the executor of the jobs; called only when there is something to compute.
+        Function that opens the executor of the jobs; called only if a profile has to be computed.
     existing : Existing
         Treatment of an archive that exists.
     check_last : int, optional
-        Number of profiles at the end of the archive that are checked for damage before it grows; by default all.
+        Number of profiles at the end of the archive that are checked for damage; by default all.
     on_result : callable
-        Called with each result as it arrives.
+        Function called with each result as it arrives.
 
     Raises
     ------
     InputError
-        An archive exists and is to be refused, or another run is writing it, or it was made for other
+        An archive exists and `existing` does not allow it; or another run is writing it, or it was made for other
         profiles or by another schema.
     RunStoppedError
         No worker is left; the results so far are saved.
@@ -114,33 +114,20 @@ def run_mission(
         The disk is full or lost; the results so far are saved.
     """
     observations, platform, settings = prepared.observations, prepared.platform, prepared.settings
-    plan = prepared.plan
     _log_use_of_optional_variables(observations, platform, settings)
     _warn_about_unused_settings(platform, settings)
     began = time.monotonic()
-    attributes = archive_attributes(observations, platform, settings)
-    work = RunInputs(observations, platform, settings, absolute(store))
+    run = RunInputs(observations, platform, settings, absolute(store))
     with locked(store) as token:
         restore_set_aside(store)
-        open_archive: Callable[[str], AbstractContextManager[Callable[[], None]]]
-        begun = is_begun(store)
-        if begun and existing.continues:
-            grows = existing is Existing.APPEND
-            numbers, validity = examine_archive(work, plan, grows, check_last)
-            work = replace(work, amendable=validity.amendable)
-            open_archive = partial(_resume, work, attributes, plan, validity, grows)
-        else:
-            check_place(store, existing is Existing.OVERWRITE or not begun)
-            numbers, validity = list(plan.profiles), Validity({}, dict.fromkeys(range(len(plan.profiles)), MISSING))
-            open_archive = partial(new_archive, store, np.array(plan.profiles), plan.sizes, attributes)
-        result = MissionResult({numbers[index]: row for index, row in validity.valid.items()})
+        run, task = _examine(run, prepared.plan, existing, check_last)
+        result = MissionResult({task.numbers[index]: row for index, row in task.validity.valid.items()})
         result.reused = tuple(sorted(result.rows))
-        waiting = [(numbers[index], index) for index in validity.outstanding]
         # The archive is changed only once an executor is available, and closed only after the last writer has ended.
-        with ExitStack() as contexts, executor() if waiting else nullcontext() as opened:
-            on_commit = contexts.enter_context(open_archive(token))
+        with ExitStack() as contexts, executor() if task.outstanding else nullcontext() as opened:
+            on_commit = contexts.enter_context(task.open_archive(token))
             if opened is not None:
-                _execute(opened, work, token, waiting, dict(validity.valid), result, _notify_both(on_commit, on_result))
+                _execute(opened, run, token, task, result, _notify_both(on_commit, on_result))
                 # A killed worker may have left a partly written file; its profiles were completed by another worker.
                 remove_partial_files(store)
             consolidate(store)
@@ -148,6 +135,35 @@ def run_mission(
     _advise_to_tune(platform, result)
     result.seconds = time.monotonic() - began
     return result
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Profiles of the archive, their validity, and the function that opens the archive with the lock's token."""
+
+    numbers: list[int]
+    validity: Validity
+    open_archive: Callable[[str], AbstractContextManager[Callable[[], None]]]
+
+    @property
+    def outstanding(self) -> list[tuple[int, int]]:
+        """Number and position of each profile that must be computed."""
+        return [(self.numbers[index], index) for index in self.validity.outstanding]
+
+
+def _examine(run: RunInputs, plan: MissionPlan, existing: Existing, check_last: int | None) -> tuple[RunInputs, _Task]:
+    """Determine what must be computed, and add to the run's inputs the commits that can be amended."""
+    attributes = archive_attributes(run.observations, run.platform, run.settings)
+    begun = is_begun(run.store)
+    if begun and existing.continues:
+        append = existing is Existing.APPEND
+        numbers, validity = examine_archive(run, plan, append, check_last)
+        run = replace(run, amendable=validity.amendable)
+        return run, _Task(numbers, validity, partial(_resume, run, attributes, plan, validity, append))
+    check_location(run.store, existing is Existing.OVERWRITE or not begun)
+    profiles = list(plan.profiles)
+    validity = Validity({}, dict.fromkeys(range(len(profiles)), MISSING))
+    return run, _Task(profiles, validity, partial(new_archive, run.store, np.array(profiles), plan.sizes, attributes))
 
 
 def _log_use_of_optional_variables(observations: Observations, platform: Platform, settings: MissionSettings) -> None:
@@ -162,13 +178,13 @@ def _log_use_of_optional_variables(observations: Observations, platform: Platfor
 
 
 def _warn_about_unused_settings(platform: Platform, settings: MissionSettings) -> None:
-    """Warn of settings of the smoother that were given and have no effect, because it makes a single pass."""
-    given = [name for name in _FOR_SEVERAL_PASSES if name in settings.smoother.model_fields_set]
-    if given and smoother_passes(platform, settings.smoother, platform.sensors.sample_interval) == 1:
+    """Warn of settings of the smoother that were set but have no effect, because it makes a single pass."""
+    unused = [name for name in _SETTINGS_OF_SEVERAL_PASSES if name in settings.smoother.model_fields_set]
+    if unused and smoother_passes(platform, settings.smoother, platform.sensors.sample_interval) == 1:
         log.warning(
             "%s: no effect, because the smoother makes one pass over slow records of a hull without a disturbance "
             "prior of its own; `gliderhpc tune` estimates one, or set smoother.max_passes",
-            ", ".join(f"smoother.{name}" for name in given),
+            ", ".join(f"smoother.{name}" for name in unused),
         )
 
 
@@ -189,17 +205,17 @@ def _warn_about_depth_slope(platform: Platform, result: MissionResult) -> None:
 
 
 def _advise_to_tune(platform: Platform, result: MissionResult) -> None:
-    """Recommend a tuned prior where most profiles are unlike the usual one, and few windows converge."""
+    """Recommend a tuned prior if the usual one does not fit most profiles, and few windows converge."""
     done = [row for row in result.rows.values() if row["status"] == "done"]
-    rough = DISTURBANCE_PRIOR.meanings["rough_water"]
-    unlike = sum(row.get("disturbance_prior") == rough for row in done)
-    if platform.prior is not None or len(done) < _MIN_PROFILES_TO_TUNE or unlike <= 0.5 * len(done):
+    rough_water = DISTURBANCE_PRIOR.meanings["rough_water"]
+    rough_count = sum(row.get("disturbance_prior") == rough_water for row in done)
+    if platform.prior is not None or len(done) < _MIN_PROFILES_TO_TUNE or rough_count <= 0.5 * len(done):
         return
     if np.mean([row["converged_fraction"] for row in done]) < USUALLY_CONVERGED:
         log.info(
             "in %d of %d profiles the usual disturbance prior does not fit; `gliderhpc tune` estimates one from these "
             "records, with which more windows may converge",
-            unlike,
+            rough_count,
             len(done),
         )
 
@@ -225,51 +241,51 @@ def archive_attributes(observations: Observations, platform: Platform, settings:
 
 
 def _execute(
-    opened: Executor,
-    work: RunInputs,
+    executor: Executor,
+    run: RunInputs,
     token: str,
-    profiles: Sequence[tuple[int, int]],
-    table: dict[int, Row],
+    task: _Task,
     result: MissionResult,
     on_result: Callable[[ProfileResult], None],
 ) -> None:
-    """Estimate the profiles, updating the archive's table during the run and, even after an error, at its end."""
-    written = time.monotonic()
+    """Estimate the outstanding profiles; update the archive's table during the run, and at its end even on an error."""
+    table = dict(task.validity.valid)
+    last_update = time.monotonic()
     try:
-        for done in profile_results(opened, work, token, profiles):
-            result.rows[done.number] = table[done.index] = done.row
-            _log_result(done)
-            on_result(done)
-            if time.monotonic() - written > TABLE_INTERVAL:
-                write_mission_table(work.store, table)
-                written = time.monotonic()
+        for profile in profile_results(executor, run, token, task.outstanding):
+            result.rows[profile.number] = table[profile.index] = profile.row
+            _log_result(profile)
+            on_result(profile)
+            if time.monotonic() - last_update > TABLE_INTERVAL:
+                write_mission_table(run.store, table)
+                last_update = time.monotonic()
     finally:
-        write_mission_table(work.store, table)
+        write_mission_table(run.store, table)
 
 
 @contextmanager
 def _resume(
-    work: RunInputs, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
+    run: RunInputs, attributes: dict[str, Any], plan: MissionPlan, validity: Validity, append: bool, token: str
 ) -> Iterator[Callable[[], None]]:
-    """Prepare an existing archive, which remains in place even if the run fails."""
-    prepare_archive(work, attributes, plan, validity, append)
+    """Prepare an existing archive, which remains even if the run fails."""
+    prepare_archive(run, attributes, plan, validity, append)
     yield lambda: None
 
 
 def _notify_both(
     on_commit: Callable[[], None], on_result: Callable[[ProfileResult], None]
 ) -> Callable[[ProfileResult], None]:
-    def notify(done: ProfileResult) -> None:
+    def notify(result: ProfileResult) -> None:
         on_commit()
-        on_result(done)
+        on_result(result)
 
     return notify
 
 
-def _log_result(done: ProfileResult) -> None:
-    row = done.row
-    if done.amended:
-        log.info("profile %d: only its fixes have changed, so only its currents were recomputed", done.number)
+def _log_result(result: ProfileResult) -> None:
+    row = result.row
+    if result.amended:
+        log.info("profile %d: only its fixes have changed, so only its currents were recomputed", result.number)
         return
     detail = (
         f" in {row['run_seconds']:.1f} s: {counted(row['window_count'], 'window')}, "
@@ -279,7 +295,7 @@ def _log_result(done: ProfileResult) -> None:
     )
     log.info(
         "profile %d %s%s%s",
-        done.number,
+        result.number,
         row["status"],
         detail,
         f" ({row['message']})" if row["message"] else "",
@@ -289,7 +305,7 @@ def _log_result(done: ProfileResult) -> None:
 def invert_profile(
     observations: Observations, platform: Platform, settings: MissionSettings, number: int
 ) -> xr.DataTree:
-    """Estimate one profile, and return in memory the archive that `run_mission` would write for it alone.
+    """Estimate one profile, and return the archive that `run_mission` would write for it, in memory.
 
     Parameters
     ----------
@@ -303,8 +319,8 @@ def invert_profile(
     Returns
     -------
     xarray.DataTree
-        Archive of a run on this profile alone, in memory, without the group of its commit markers; rows are as long as
-        this profile.
+        Archive of a run on this profile alone, without the group of the commit markers; its rows are as long as the
+        profile.
 
     Raises
     ------
@@ -318,15 +334,15 @@ def invert_profile(
     check_engine(settings)
     check_seawater(platform, settings)
     plan = plan_mission(observations, settings, (number,))
-    with place_in_memory() as place:
-        create_archive(place, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
-        work = RunInputs(observations, platform, settings, str(place))
-        job = replace(work.job(((number, 0),), token=None), threads=default_workers())
+    with location_in_memory() as location:
+        create_archive(location, np.array([number]), plan.sizes, archive_attributes(observations, platform, settings))
+        run = RunInputs(observations, platform, settings, str(location))
+        job = replace(run.job(((number, 0),), token=None), threads=default_workers())
         (result,) = run_batch(observations, job)
         if result.row["status"] != "done":
             raise ProfileError(result.row["message"])
-        write_mission_table(place, {0: result.row})
-        # Without the threads of dask, which a forked process inherits dead.
-        with open_mission(place) as archive, dask.config.set(scheduler="synchronous"):
+        write_mission_table(location, {0: result.row})
+        # Without dask's threads, which would not run in a forked process.
+        with open_mission(location) as archive, dask.config.set(scheduler="synchronous"):
             tree = archive.load()
     return tree.drop_nodes(COMMITS)

@@ -117,9 +117,9 @@ def _unknown(key: str, known: Sequence[str]) -> str:
     """Describe an unknown key, with the settings of the section that it names or resembles, or all if there is none."""
     sections = sorted({name.split(".")[0] for name in known if "." in name})
     section = most_similar(key.split(".")[0], sections) if "." in key else None
-    whose = "" if section is None else f" of {section}"
+    of_section = "" if section is None else f" of {section}"
     listed = known if section is None else [name for name in known if name.startswith(f"{section}.")]
-    return f"`{key}`: no such setting{nearest(key, known)}; the settings{whose} are {', '.join(listed)}"
+    return f"`{key}`: no such setting{nearest(key, known)}; the settings{of_section} are {', '.join(listed)}"
 
 
 def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:

@@ -51,7 +51,7 @@ def warm_kernels(engine: str = "lanes") -> None:
     if not is_compiled():
         from_prior = settings.model_copy(update={"start": "prior"})
         with compile_in_background("smoother"):
-            # Two, since the windows of one would be solved alone.
+            # Two records, since the windows of a single one would be solved without lanes.
             list(estimate_profiles([(None, record), (None, record)], from_prior))
     list(estimate_profiles([(None, record)], settings, with_hull=True))
 
@@ -111,8 +111,8 @@ def compile_in_background(part: str) -> Iterator[None]:
         return
     # -P excludes modules in the working folder.
     command = [sys.executable, "-P", "-m", "gliderhpc.mission.warm", part]
-    environment, nowhere = {**os.environ, VARIABLES[0]: str(compiled_cache().parent)}, subprocess.DEVNULL
-    process = subprocess.Popen(command, env=environment, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+    environment, null = {**os.environ, VARIABLES[0]: str(compiled_cache().parent)}, subprocess.DEVNULL
+    process = subprocess.Popen(command, env=environment, stdin=null, stdout=null, stderr=null)
     try:
         yield
         if process.wait() != 0:
@@ -123,12 +123,12 @@ def compile_in_background(part: str) -> Iterator[None]:
 
 
 def _short_settings(engine: str) -> EstimationSettings:
-    brief = {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
-    return EstimationSettings.model_validate(brief)
+    values = {"engine": engine, "window": {"length": 4.0}, "filter": {"max_rejected_fraction": 1.0}}
+    return EstimationSettings.model_validate(values)
 
 
 def _short_record() -> PreparedProfile:
-    """Make a record of four seconds."""
+    """Return an artificial record of four seconds."""
     steps = 40
     time = np.linspace(0.0, 0.1 * steps, steps + 1)
     measurements = np.column_stack([0 * time, np.full_like(time, -0.4), 0 * time, 10.0 + 0.15 * time])
@@ -151,7 +151,7 @@ def _short_record() -> PreparedProfile:
 def _artificial_trajectory(record: PreparedProfile) -> FilterEstimate:
     """Return an artificial trajectory through the measurements at 0.3 m/s, in the form of the filter's result."""
     rows = len(record.series.time)
-    states, unfed = np.zeros((rows, 12)), np.zeros((0, 4))
+    states, no_innovations = np.zeros((rows, 12)), np.zeros((0, 4))
     states[:, [0, 1, 2, 5]], states[:, 6] = record.series.measurements, 0.3
     name, prior = next(iter(candidate_priors(record.glider.platform).items()))
     return FilterEstimate(
@@ -162,8 +162,8 @@ def _artificial_trajectory(record: PreparedProfile) -> FilterEstimate:
         reset=0,
         fed=len(record.series.sample_index),
         events=np.zeros(rows, np.uint8),
-        innovations=unfed,
-        innovation_variances=unfed,
+        innovations=no_innovations,
+        innovation_variances=no_innovations,
         prior_name=name,
         prior=prior,
     )

@@ -26,7 +26,7 @@ def select_profiles(available: Sequence[int], text: str | None, argument: str = 
             raise InputError(f"`{argument}={text}`: '{part}' is neither a number nor a range such as 18:20")
         first, last = int(match[1]), int(match[2] or match[1])
         if last < first:
-            raise InputError(f"`{argument}={text}`: the range {part.strip()} runs backwards; write it as {last}:{first}")
+            raise InputError(f"`{argument}={text}`: the range {part.strip()} runs backwards: write {last}:{first}")
         found = {number for number in available if first <= number <= last}
         if not found:
             raise InputError(

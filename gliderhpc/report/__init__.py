@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gliderhpc.report.page import Written
-    from gliderhpc.store_schema.place import Place
+    from gliderhpc.store_schema.location import Location
 
 
 class _Report(ModuleType):
@@ -20,7 +20,7 @@ class _Report(ModuleType):
 
     def __call__(
         self,
-        store: "Place | Sequence[Place]",
+        store: "Location | Sequence[Location]",
         out: str | Path,
         *,
         profile: int | None = None,

@@ -1,7 +1,13 @@
 """Synthetic missions: simulated glider flights with known disturbances and currents."""
 
 from gliderhpc.simulator.disturbance import Impulse
-from gliderhpc.simulator.mission import MissionSummary, ProfileSummary, check_place, simulate_mission, write_ocean_model
+from gliderhpc.simulator.mission import (
+    MissionSummary,
+    ProfileSummary,
+    check_location,
+    simulate_mission,
+    write_ocean_model,
+)
 from gliderhpc.simulator.profile import ProfileTruth, simulate_profile
 from gliderhpc.simulator.scenario import (
     Scenario,
@@ -16,7 +22,7 @@ __all__ = [
     "ProfileSummary",
     "ProfileTruth",
     "Scenario",
-    "check_place",
+    "check_location",
     "load_scenario",
     "read_scenario",
     "shipped_scenarios",

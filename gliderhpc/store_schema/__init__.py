@@ -6,7 +6,7 @@ from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_archive, set_attributes
 from gliderhpc.store_schema.deep_check import committed_chunk_faults, damaged_chunks, missing_chunks
 from gliderhpc.store_schema.digests import Digests
-from gliderhpc.store_schema.place import Place, is_archive
+from gliderhpc.store_schema.location import Location, is_archive
 from gliderhpc.store_schema.rows import (
     ArchiveRows,
     read_attributes,
@@ -39,7 +39,7 @@ __all__ = [
     "ArchiveRows",
     "Commit",
     "Digests",
-    "Place",
+    "Location",
     "check_archive",
     "committed_chunk_faults",
     "committed_rows",

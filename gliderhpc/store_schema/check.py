@@ -12,7 +12,7 @@ import zarr
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.commits import UNREADABLE
 from gliderhpc.store_schema.consolidation import stored_metadata, without_members
-from gliderhpc.store_schema.place import CONSOLIDATED, Place, describe_other, group_at, is_archive, store_at
+from gliderhpc.store_schema.location import CONSOLIDATED, Location, describe_other, group_at, is_archive, store_at
 from gliderhpc.store_schema.schema import (
     CHUNK_KEYS,
     CODECS,
@@ -31,12 +31,12 @@ from gliderhpc.store_schema.schema import (
 Arrays = dict[str, zarr.Array[Any]]
 
 
-def check_archive(place: Place) -> list[str]:
+def check_archive(location: Location) -> list[str]:
     """List the differences between an archive and the schema; a study that has not been run is not a difference.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
 
     Returns
@@ -49,12 +49,12 @@ def check_archive(place: Place) -> list[str]:
     InputError
         There is no archive of this program.
     """
-    root, is_consolidated = _with_members(place)
-    differences = list(_structure_differences(place, root, STUDIES, is_consolidated))
+    root, is_consolidated = _with_members(location)
+    differences = list(_structure_differences(location, root, STUDIES, is_consolidated))
     return differences if _other_version(root) else [*differences, *_content_differences(root)]
 
 
-def structure_differences(place: Place, studies: bool = True) -> list[str]:
+def structure_differences(location: Location, studies: bool = True) -> list[str]:
     """List only the differences of the metadata, with or without those of studies, which no resumed run can repair.
 
     Raises
@@ -62,11 +62,11 @@ def structure_differences(place: Place, studies: bool = True) -> list[str]:
     InputError
         There is no archive of this program.
     """
-    root, is_consolidated = _with_members(place)
-    return list(_structure_differences(place, root, STUDIES if studies else (), is_consolidated))
+    root, is_consolidated = _with_members(location)
+    return list(_structure_differences(location, root, STUDIES if studies else (), is_consolidated))
 
 
-def other_version(place: Place) -> str:
+def other_version(location: Location) -> str:
     """Return a message if an archive was made with another version of the schema, else an empty text.
 
     Raises
@@ -74,10 +74,10 @@ def other_version(place: Place) -> str:
     InputError
         There is no archive of this program.
     """
-    return _other_version(_opened(place))
+    return _other_version(_opened(location))
 
 
-def version_note(place: Place) -> str:
+def version_note(location: Location) -> str:
     """Return what can be done with an archive of another minor version of the schema; empty for any other archive.
 
     Raises
@@ -85,7 +85,7 @@ def version_note(place: Place) -> str:
     InputError
         There is no archive of this program.
     """
-    version = str(_opened(place).attrs.get("schema_version"))
+    version = str(_opened(location).attrs.get("schema_version"))
     if version == MISSION.version or version.partition(".")[0] != MISSION.version.partition(".")[0]:
         return ""
     return (
@@ -104,28 +104,28 @@ def _other_version(root: zarr.Group) -> str:
     )
 
 
-def _opened(place: Place) -> zarr.Group:
-    if not is_archive(place):
-        raise InputError(describe_other(place))
-    return group_at(place)
+def _opened(location: Location) -> zarr.Group:
+    if not is_archive(location):
+        raise InputError(describe_other(location))
+    return group_at(location)
 
 
-def _with_members(place: Place) -> tuple[zarr.Group, bool]:
+def _with_members(location: Location) -> tuple[zarr.Group, bool]:
     """Open an archive, and return whether its consolidated metadata equals that of every group and variable.
 
     If it does, the members are read from it, in half the time of opening each of them separately.
     """
-    root = _opened(place)
-    if not _is_consolidated(place):
+    root = _opened(location)
+    if not _is_consolidated(location):
         return root, False
     try:
-        return zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True), True
+        return zarr.open_group(store_at(location, read_only=True), mode="r", use_consolidated=True), True
     except UNREADABLE:
         return root, True
 
 
 def _structure_differences(
-    place: Place, root: zarr.Group, studies: Iterable[Group], is_consolidated: bool
+    location: Location, root: zarr.Group, studies: Iterable[Group], is_consolidated: bool
 ) -> Iterator[str]:
     if other := _other_version(root):
         yield f"/: {other}"
@@ -144,7 +144,7 @@ def _structure_differences(
         elif node is not None:
             yield f"{study.name}: {node}"
     if studies and not is_consolidated:
-        yield from _consolidated_differences(place, root)
+        yield from _consolidated_differences(location, root)
 
 
 def _study_differences(node: zarr.Group, group: Group) -> Iterator[str]:
@@ -189,7 +189,7 @@ def variable_differences(
         yield "chunks are not named as in the schema"
     if _dtype_name(array) != variable.dtype:
         yield f"dtype is {_dtype_name(array)}, not {variable.dtype}"
-    elif not _same(array.fill_value, variable.fill_value):
+    elif not _is_equal(array.fill_value, variable.fill_value):
         yield f"fill value is {array.fill_value}, not {variable.fill_value}"
     yield from _attribute_differences(dict(array.attrs), variable.all_attributes())
 
@@ -201,41 +201,41 @@ def _chunks_fit(array: zarr.Array[Any], group: Group, variable: Variable) -> boo
     return array.chunks == chunks(group, variable, array.shape)
 
 
-def _attribute_differences(found: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]:
-    for name, value in wanted.items():
-        if name not in found:
+def _attribute_differences(stored: dict[str, Any], expected: dict[str, Any]) -> Iterator[str]:
+    for name, value in expected.items():
+        if name not in stored:
             yield f"attribute {name} is missing"
-        elif found[name] != value:
-            yield f"attribute {name} is {found[name]!r}, not {value!r}"
+        elif stored[name] != value:
+            yield f"attribute {name} is {stored[name]!r}, not {value!r}"
 
 
-def _consolidated_differences(place: Place, root: zarr.Group) -> Iterator[str]:
+def _consolidated_differences(location: Location, root: zarr.Group) -> Iterator[str]:
     """Yield the differences between the consolidated metadata and that of groups and variables."""
     try:
-        consolidated = _members(zarr.open_group(store_at(place, read_only=True), mode="r", use_consolidated=True))
+        consolidated = _members(zarr.open_group(store_at(location, read_only=True), mode="r", use_consolidated=True))
     except UNREADABLE:
         yield "/: the consolidated metadata is missing or damaged"
         return
     try:
-        own = _members(root)
+        members = _members(root)
     except UNREADABLE:
         return  # reported by name in the comparison of the groups with the schema
-    for name in own.keys() - consolidated.keys():
+    for name in members.keys() - consolidated.keys():
         yield f"{name}: not in the consolidated metadata"
-    for name in consolidated.keys() - own.keys():
+    for name in consolidated.keys() - members.keys():
         yield f"{name}: in the consolidated metadata, but not in the archive"
-    for name in sorted(own.keys() & consolidated.keys()):
-        if own[name] != consolidated[name]:
+    for name in sorted(members.keys() & consolidated.keys()):
+        if members[name] != consolidated[name]:
             yield f"{name}: the consolidated metadata differs from its own"
 
 
-def _is_consolidated(place: Place) -> bool:
+def _is_consolidated(location: Location) -> bool:
     """Return whether the consolidated metadata equals that of every group and variable."""
     try:
-        own = stored_metadata(store_at(place, read_only=True))
-        consolidated = own.pop("")[CONSOLIDATED]["metadata"]
-        return own.keys() == consolidated.keys() and all(
-            without_members(consolidated[path]) == without_members(own[path]) for path in own
+        members = stored_metadata(store_at(location, read_only=True))
+        consolidated = members.pop("")[CONSOLIDATED]["metadata"]
+        return members.keys() == consolidated.keys() and all(
+            without_members(consolidated[path]) == without_members(members[path]) for path in members
         )
     except (*UNREADABLE, AttributeError):
         return False
@@ -338,7 +338,7 @@ def _dtype_name(array: zarr.Array[Any]) -> str:
     return "string" if array.dtype.kind in "TOU" else array.dtype.name
 
 
-def _same(found: Any, wanted: Any) -> bool:
-    if isinstance(wanted, float) and math.isnan(wanted):
-        return bool(np.isnan(found))
-    return bool(found == wanted)
+def _is_equal(stored: Any, expected: Any) -> bool:
+    if isinstance(expected, float) and math.isnan(expected):
+        return bool(np.isnan(stored))
+    return bool(stored == expected)

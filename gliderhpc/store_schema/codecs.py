@@ -1,6 +1,6 @@
 """Zarr's codecs of strings and of compressed chunks, as used to read and write archives.
 
-Importing this module registers them. Every store of an archive is opened by `gliderhpc.store_schema.place`, which
+Importing this module registers them. Every store of an archive is opened by `gliderhpc.store_schema.location`, which
 imports it.
 """
 

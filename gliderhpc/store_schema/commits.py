@@ -22,8 +22,8 @@ from zarr.storage import StorePath
 
 from gliderhpc.errors import first_line
 from gliderhpc.store_schema.digests import Digests, digest_of
-from gliderhpc.store_schema.place import (
-    Place,
+from gliderhpc.store_schema.location import (
+    Location,
     group_at,
     is_archive,
     is_empty,
@@ -38,7 +38,7 @@ BY_RESUME = "run-mission --resume repairs it"
 
 AsyncArray = zarr.AsyncArray[Any]
 
-_WRITES_AT_ONCE = 8
+_MAX_CONCURRENT_WRITES = 8
 """Number of arrays that are written concurrently, whose values are in memory together."""
 
 UNREADABLE = (ValueError, RuntimeError, KeyError, TypeError)
@@ -99,9 +99,9 @@ def row_names(groups: Iterable[Group]) -> list[str]:
 def row_chunks(arrays: Mapping[str, zarr.Array[Any]] | Mapping[str, AsyncArray], profile_index: int) -> dict[str, str]:
     """Return the path of the array by key of every possible chunk of a profile's rows."""
     return {
-        f"{name}/{array.metadata.encode_chunk_key((profile_index, *place))}": name
+        f"{name}/{array.metadata.encode_chunk_key((profile_index, *location))}": name
         for name, array in arrays.items()
-        for place in product(*(range(-(-n // m)) for n, m in zip(array.shape[1:], array.chunks[1:], strict=True)))
+        for location in product(*(range(-(-n // m)) for n, m in zip(array.shape[1:], array.chunks[1:], strict=True)))
     }
 
 
@@ -120,18 +120,18 @@ def as_texts(
     return text, json.dumps(marker, allow_nan=False)
 
 
-def read_commits(place: Place, positions: Iterable[int] | None = None) -> dict[int, Commit | str]:
+def read_commits(location: Location, positions: Iterable[int] | None = None) -> dict[int, Commit | str]:
     """Read the commits of all or some profiles, by position along the profile dimension.
 
     Profiles without a marker are left out; a damaged marker or manifest yields a string that describes the damage.
     """
-    root = group_at(place)
+    root = group_at(location)
     markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
     if positions is None:
-        found = _all_commits(markers, manifests)
+        commits = _all_commits(markers, manifests)
     else:
-        found = {index: _commit(markers, manifests, index) for index in positions}
-    return {index: commit for index, commit in found.items() if commit is not None}
+        commits = {index: _commit(markers, manifests, index) for index in positions}
+    return {index: commit for index, commit in commits.items() if commit is not None}
 
 
 def _all_commits(markers: zarr.Array[Any], manifests: zarr.Array[Any]) -> dict[int, Commit | str | None]:
@@ -143,9 +143,9 @@ def _all_commits(markers: zarr.Array[Any], manifests: zarr.Array[Any]) -> dict[i
         return {index: _commit(markers, manifests, index) for index in range(markers.shape[0])}
 
 
-def committed_rows(place: Place) -> dict[int, dict[str, Any]]:
+def committed_rows(location: Location) -> dict[int, dict[str, Any]]:
     """Read the table's rows from the markers, by position along the profile dimension; unreadable ones are left out."""
-    root = group_at(place)
+    root = group_at(location)
     markers = array_at(root, f"{COMMITS}/marker")
     try:
         texts = list(np.asarray(markers[:]))
@@ -169,7 +169,7 @@ def _row(marker: str) -> dict[str, Any] | None:
         return None
 
 
-def has_commits(place: Place) -> bool:
+def has_commits(location: Location) -> bool:
     """Return whether any profile of an archive was committed, judged by the names of its chunks alone."""
 
     async def first_marker(store: Store) -> bool:
@@ -178,23 +178,23 @@ def has_commits(place: Place) -> bool:
                 return True
         return False
 
-    return wait_for(first_marker(store_at(place, read_only=True)))
+    return wait_for(first_marker(store_at(location, read_only=True)))
 
 
-def is_begun(place: Place) -> bool:
-    """Return whether a place holds anything worth preserving: anything but an archive without a committed profile."""
-    return not is_empty(place) and (not is_archive(place) or has_commits(place))
+def is_begun(location: Location) -> bool:
+    """Return whether a location holds anything worth preserving: anything but an archive without committed profiles."""
+    return not is_empty(location) and (not is_archive(location) or has_commits(location))
 
 
-def damages(place: Place, commits: Mapping[int, Commit]) -> list[Damage]:
+def damages(location: Location, commits: Mapping[int, Commit]) -> list[Damage]:
     """Find the chunks of committed profiles that differ from their manifests."""
-    store = store_at(place, read_only=True)
+    store = store_at(location, read_only=True)
     arrays = row_arrays(zarr.open_group(store, mode="r", use_consolidated=False), MISSION)
-    found = []
+    damaged = []
     for index, commit in commits.items():
         chunks = row_chunks(arrays, index)
-        found += compared(index, chunks, commit.manifest, stored_digests(store, chunks))
-    return found
+        damaged += differing_chunks(index, chunks, commit.manifest, stored_digests(store, chunks))
+    return damaged
 
 
 def stored_digests(store: Any, keys: Mapping[str, str]) -> Digests:
@@ -210,21 +210,21 @@ def stored_digests(store: Any, keys: Mapping[str, str]) -> Digests:
     return dict(zip(keys, wait_for(all_digests()), strict=True))
 
 
-def stored_keys(place: Place) -> frozenset[str]:
+def stored_keys(location: Location) -> frozenset[str]:
     """Return all keys of an archive's store."""
 
     async def keys(store: Store) -> frozenset[str]:
         return frozenset([key async for key in store.list_prefix("")])
 
-    return wait_for(keys(store_at(place, read_only=True)))
+    return wait_for(keys(store_at(location, read_only=True)))
 
 
-def compared(index: int, variables: Mapping[str, str], wanted: Digests, found: Digests) -> list[Damage]:
+def differing_chunks(index: int, variables: Mapping[str, str], expected: Digests, stored: Digests) -> list[Damage]:
     """Return the damage of chunks whose digests differ; `variables` holds the variable of each key."""
     return [
-        Damage(index, variable, _difference(wanted.get(key), found[key]))
+        Damage(index, variable, _difference(expected.get(key), stored[key]))
         for key, variable in variables.items()
-        if wanted.get(key) != found[key]
+        if expected.get(key) != stored[key]
     ]
 
 
@@ -241,13 +241,13 @@ def arrays_at(root: zarr.Group, names: Iterable[str]) -> dict[str, zarr.Array[An
 
 def writable_arrays(root: zarr.Group, names: Iterable[str]) -> dict[str, AsyncArray]:
     """Open arrays of an archive by path, concurrently, for `write_values`; errors as in `arrays_at`."""
-    found = _opened(root.store_path, names)
-    for name, array in found.items():
+    arrays = _opened(root.store_path, names)
+    for name, array in arrays.items():
         if isinstance(array, FileNotFoundError):
             raise KeyError(name)
         if isinstance(array, BaseException):
             raise array
-    return found
+    return arrays
 
 
 def write_values(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> None:
@@ -262,17 +262,17 @@ def write_values(writes: Iterable[tuple[AsyncArray, Any, Any]]) -> None:
         The first error of a write.
     """
     remaining = iter(writes)
-    while at_once := list(islice(remaining, _WRITES_AT_ONCE)):
-        wait_for_all(array.setitem(selection, values) for array, selection, values in at_once)
+    while batch := list(islice(remaining, _MAX_CONCURRENT_WRITES)):
+        wait_for_all(array.setitem(selection, values) for array, selection, values in batch)
 
 
-def readable_arrays(place: Place, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
+def readable_arrays(location: Location, names: Iterable[str]) -> dict[str, zarr.Array[Any]]:
     """Open those of an archive's arrays, by path, whose metadata can be read."""
-    found = _opened(StorePath(store_at(place, read_only=True)), names)
-    for error in found.values():
+    opened = _opened(StorePath(store_at(location, read_only=True)), names)
+    for error in opened.values():
         if isinstance(error, BaseException) and not isinstance(error, (*UNREADABLE, FileNotFoundError)):
             raise error
-    return {name: zarr.Array(array) for name, array in found.items() if not isinstance(array, BaseException)}
+    return {name: zarr.Array(array) for name, array in opened.items() if not isinstance(array, BaseException)}
 
 
 def _opened(root: StorePath, names: Iterable[str]) -> dict[str, Any]:
@@ -351,7 +351,7 @@ def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
     return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest), dict(content.get("kept", {})))
 
 
-def _difference(wanted: str | None, found: str | None) -> str:
-    if found is None:
+def _difference(expected: str | None, stored: str | None) -> str:
+    if stored is None:
         return "the chunk is missing"
-    return "there should be no chunk" if wanted is None else "the chunk is damaged"
+    return "there should be no chunk" if expected is None else "the chunk is damaged"

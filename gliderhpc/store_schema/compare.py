@@ -14,7 +14,7 @@ import zarr
 from numpy.typing import NDArray
 
 from gliderhpc.store_schema.commits import Commit, array_at, label_of, read_commits, row_arrays, row_chunks
-from gliderhpc.store_schema.place import Place, group_at
+from gliderhpc.store_schema.location import Location, group_at
 from gliderhpc.store_schema.rows import read_attributes, read_profiles
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE
 from gliderhpc.wording import counted
@@ -49,7 +49,7 @@ class Difference:
 
     def describe(self) -> str:
         """Describe the difference in one line."""
-        where = f"{self.variable}: differs in {counted(len(self.profiles), 'profile')} ({_some(self.profiles)})"
+        where = f"{self.variable}: differs in {counted(len(self.profiles), 'profile')} ({_abbreviated(self.profiles)})"
         if np.isfinite(self.largest):
             where += f", by {self.largest:.3g} at most (root mean square of the values {self.typical:.3g})"
         return where + (f", {counted(self.missing, 'value')} missing in only one of the two" if self.missing else "")
@@ -83,7 +83,7 @@ class ArchiveComparison:
         return not (self.attributes or self.only_first or self.only_second or self.variables)
 
 
-def compare_archives(first: Place, second: Place) -> ArchiveComparison:
+def compare_archives(first: Location, second: Location) -> ArchiveComparison:
     """Compare the mission's groups of two archives; studies and computing times are excluded.
 
     Parameters
@@ -91,26 +91,27 @@ def compare_archives(first: Place, second: Place) -> ArchiveComparison:
     first, second : str or Path
         Archives of the current schema.
     """
-    numbers = [read_profiles(place) for place in (first, second)]
+    numbers = [read_profiles(location) for location in (first, second)]
     attributes = _without_file_name(read_attributes(first), read_attributes(second))
     both = sorted(set(numbers[0]) & set(numbers[1]))
     pairs = {number: (numbers[0].index(number), numbers[1].index(number)) for number in both}
     roots = [group_at(p) for p in (first, second)]
-    found = [*_table_differences(roots, pairs), *_row_differences(roots, (first, second), pairs)]
-    differing = {number for difference in found for number in difference.profiles}
+    differences = [*_table_differences(roots, pairs), *_row_differences(roots, (first, second), pairs)]
+    differing = {number for difference in differences for number in difference.profiles}
     return ArchiveComparison(
         tuple(_attribute_differences(attributes[0], attributes[1])),
         tuple(sorted(set(numbers[0]) - set(both))),
         tuple(sorted(set(numbers[1]) - set(both))),
-        tuple(found),
+        tuple(differences),
         len(both) - len(differing),
     )
 
 
 def _without_file_name(*attributes: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Leave out the name of the observation file where both archives are made from the same bytes."""
-    same = len({one.get("observations_digest") for one in attributes}) == 1
-    return [{key: value for key, value in one.items() if not (same and key == "observations")} for one in attributes]
+    if len({archive.get("observations_digest") for archive in attributes}) > 1:
+        return [dict(archive) for archive in attributes]
+    return [{key: value for key, value in archive.items() if key != "observations"} for archive in attributes]
 
 
 def _attribute_differences(first: Mapping[str, Any], second: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -134,18 +135,18 @@ def _table_differences(roots: list[zarr.Group], pairs: Mapping[int, tuple[int, i
 
 
 def _row_differences(
-    roots: list[zarr.Group], places: tuple[Place, Place], pairs: Mapping[int, tuple[int, int]]
+    roots: list[zarr.Group], locations: tuple[Location, Location], pairs: Mapping[int, tuple[int, int]]
 ) -> Iterator[Difference]:
     arrays = [row_arrays(root, MISSION) for root in roots]
-    commits = [read_commits(place) for place in places]
+    commits = [read_commits(location) for location in locations]
     for name in arrays[0]:
-        ours, theirs = ({name: each[name]} for each in arrays)
+        first, second = ({name: of_archive[name]} for of_archive in arrays)
         values = (
-            (number, np.asarray(ours[name][i]), np.asarray(theirs[name][j]))
+            (number, np.asarray(first[name][i]), np.asarray(second[name][j]))
             for number, (i, j) in pairs.items()
-            if _digests(ours, commits[0].get(i), i) != _digests(theirs, commits[1].get(j), j)
+            if _digests(first, commits[0].get(i), i) != _digests(second, commits[1].get(j), j)
         )
-        yield from _difference(name, values, ours[name].fill_value)
+        yield from _difference(name, values, first[name].fill_value)
 
 
 def _digests(array: Mapping[str, zarr.Array[Any]], commit: Commit | str | None, index: int) -> object:
@@ -167,9 +168,9 @@ def _difference(name: str, values: Iterable[tuple[int, NDArray[Any], NDArray[Any
             known = np.isfinite(ours) & np.isfinite(theirs)
             missing += int(np.count_nonzero(np.isfinite(ours) != np.isfinite(theirs)))
             if known.any():
-                one, other = ours[known].astype(np.float64), theirs[known].astype(np.float64)
-                largest = float(np.fmax(largest, np.abs(one - other).max()))
-                squares, count = squares + float(one @ one), count + one.size
+                first, second = ours[known].astype(np.float64), theirs[known].astype(np.float64)
+                largest = float(np.fmax(largest, np.abs(first - second).max()))
+                squares, count = squares + float(first @ first), count + first.size
     if differing:
         yield Difference(name, tuple(differing), largest, np.sqrt(squares / count) if count else np.nan, missing)
 
@@ -190,6 +191,6 @@ def _equal(ours: NDArray[Any], theirs: NDArray[Any]) -> bool:
     return bool(np.array_equal(ours, theirs, equal_nan=ours.dtype.kind == "f"))
 
 
-def _some(numbers: tuple[int, ...], most: int = 8) -> str:
-    shown = ", ".join(map(str, numbers[:most]))
-    return shown + (" ..." if len(numbers) > most else "")
+def _abbreviated(numbers: tuple[int, ...], limit: int = 8) -> str:
+    listed = ", ".join(map(str, numbers[:limit]))
+    return listed + (" ..." if len(numbers) > limit else "")

@@ -14,13 +14,13 @@ from typing import Any
 from zarr.abc.store import Store
 from zarr.core.buffer import default_buffer_prototype
 
-from gliderhpc.store_schema.place import CONSOLIDATED, ROOT, FolderStore, Place, store_at, stored_bytes, wait_for
+from gliderhpc.store_schema.location import CONSOLIDATED, ROOT, FolderStore, Location, store_at, stored_bytes, wait_for
 
 Metadata = dict[str, Any]
 """Content of one ``zarr.json``."""
 
 
-def consolidate(place: Place) -> None:
+def consolidate(location: Location) -> None:
     """Consolidate all metadata of an archive at its root; this is necessary after every change of metadata.
 
     Raises
@@ -28,7 +28,7 @@ def consolidate(place: Place) -> None:
     ValueError
         The metadata of a group or variable is damaged.
     """
-    consolidate_store(store_at(place))
+    consolidate_store(store_at(location))
 
 
 def consolidate_store(store: Store) -> None:

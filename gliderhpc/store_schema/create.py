@@ -22,9 +22,9 @@ from zarr.storage import MemoryStore
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.commits import write_values
 from gliderhpc.store_schema.consolidation import consolidate, consolidate_store
-from gliderhpc.store_schema.place import (
+from gliderhpc.store_schema.location import (
     ROOT,
-    Place,
+    Location,
     group_at,
     is_address,
     is_archive,
@@ -47,7 +47,7 @@ from gliderhpc.store_schema.schema import (
 
 
 def create_archive(
-    place: Place,
+    location: Location,
     profiles: ArrayLike,
     sizes: Mapping[str, int],
     attributes: Mapping[str, Any],
@@ -57,7 +57,7 @@ def create_archive(
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         Location of the new archive; missing parent folders are created.
     profiles : array_like of int
         Numbers of the profiles, shape (profile,), increasing.
@@ -71,20 +71,20 @@ def create_archive(
     Raises
     ------
     InputError
-        An archive exists and may not be replaced, something else exists, or the place cannot be written.
+        An archive exists and may not be replaced, something else exists, or the location cannot be written.
     """
-    check_place(place, overwrite)
-    replace(place, _builder(profiles, sizes, attributes), new_token()).discard()
+    check_location(location, overwrite)
+    replace(location, _builder(profiles, sizes, attributes), new_token()).discard()
 
 
 def new_archive(
-    place: Place, profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any], token: str
+    location: Location, profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any], token: str
 ) -> AbstractContextManager[Callable[[], None]]:
     """Create an archive for a run in place of an existing one, which is restored if no profile is committed.
 
     Parameters
     ----------
-    place, profiles, sizes, attributes
+    location, profiles, sizes, attributes
         Arguments of :func:`create_archive`.
     token : str
         Sixteen hexadecimal digits, unique to the run.
@@ -94,70 +94,72 @@ def new_archive(
     context manager
         See :func:`gliderhpc.store_schema.replacement.replacing`.
     """
-    return replacing(place, _builder(profiles, sizes, attributes), token)
+    return replacing(location, _builder(profiles, sizes, attributes), token)
 
 
-def check_place(place: Place, overwrite: bool) -> None:
-    """Check that an archive may be created at a place.
+def check_location(location: Location, overwrite: bool) -> None:
+    """Check that an archive may be created at a location.
 
     Raises
     ------
     InputError
         Something other than an archive exists there, an archive that may not be replaced or has foreign content, or
-        the place is within another archive.
+        the location is within another archive.
     """
-    _refuse_within_archive(place)
-    if is_empty(place):
+    _refuse_within_archive(location)
+    if is_empty(location):
         return
-    if not is_archive(place):
+    if not is_archive(location):
         raise InputError(
-            f"{place}: exists and is not an archive of gliderhpc, so it is not replaced; give another `store`"
+            f"{location}: exists and is not an archive of gliderhpc, so it is not replaced; give another `store`"
         )
     if not overwrite:
         raise InputError(
-            f"{place}: this archive exists; finish it with `resume=True` or start again with `overwrite=True`"
+            f"{location}: this archive exists; finish it with `resume=True` or start again with `overwrite=True`"
         )
-    if (foreign := _foreign_entry(place)) is not None:
+    if (foreign := _foreign_entry(location)) is not None:
         raise InputError(
-            f"{place}: contains {foreign}, which is not part of the archive, so it is not replaced; move {foreign} "
+            f"{location}: contains {foreign}, which is not part of the archive, so it is not replaced; move {foreign} "
             "elsewhere, or give another `store`"
         )
 
 
-def _refuse_within_archive(place: Place) -> None:
-    if is_address(place):
+def _refuse_within_archive(location: Location) -> None:
+    if is_address(location):
         return
-    within = next((str(folder) for folder in Path(place).absolute().parents if is_archive(folder)), None)
+    within = next((str(folder) for folder in Path(location).absolute().parents if is_archive(folder)), None)
     if within is not None:
-        raise InputError(f"{place}: is within the archive {within}; give another `store`")
+        raise InputError(f"{location}: is within the archive {within}; give another `store`")
 
 
-def _foreign_entry(place: Place) -> str | None:
+def _foreign_entry(location: Location) -> str | None:
     """Return the name of a file, folder or archive in an archive's folder that is not part of it; None without any."""
-    if is_address(place):
+    if is_address(location):
         return None
-    for entry in sorted(Path(place).iterdir()):
+    for entry in sorted(Path(location).iterdir()):
         is_node = (entry / ROOT).is_file() and not is_archive(entry)
         if entry.name != ROOT and not entry.name.startswith(".") and not is_node:
             return entry.name
     return None
 
 
-def _builder(profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> Callable[[Place], None]:
+def _builder(
+    profiles: ArrayLike, sizes: Mapping[str, int], attributes: Mapping[str, Any]
+) -> Callable[[Location], None]:
     numbers = _profile_numbers(profiles)
     return partial(_create, numbers=numbers, sizes={PROFILE: len(numbers), **sizes}, attributes=attributes)
 
 
-def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
+def set_attributes(location: Location, attributes: Mapping[str, Any]) -> None:
     """Add or replace root attributes (anything that JSON holds) and consolidate; only for the coordinator."""
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     root.attrs.update(as_json(attributes))
-    consolidate(place)
+    consolidate(location)
 
 
-def mission_sizes(place: Place) -> dict[str, int]:
+def mission_sizes(location: Location) -> dict[str, int]:
     """Return the sizes of the mission's own dimensions, without ``profile``."""
-    sizes = sizes_of(group_at(place))
+    sizes = sizes_of(group_at(location))
     return {dim: size for dim, size in sizes.items() if dim != PROFILE}
 
 
@@ -183,7 +185,9 @@ def _profile_numbers(profiles: ArrayLike) -> NDArray[np.int64]:
     return numbers.astype(np.int64)
 
 
-def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], attributes: Mapping[str, Any]) -> None:
+def _create(
+    location: Location, numbers: NDArray[np.int64], sizes: Mapping[str, int], attributes: Mapping[str, Any]
+) -> None:
     root_attributes = as_json(attributes) | {
         "Conventions": CONVENTIONS,
         "schema": SCHEMA_NAME,
@@ -197,7 +201,7 @@ def _create(place: Place, numbers: NDArray[np.int64], sizes: Mapping[str, int], 
         node = root if group.name == "/" else root.create_group(group.name, attributes={"title": group.title})
         create_variables(node, group, numbers, sizes)
     consolidate_store(memory)
-    write_group(content, place)
+    write_group(content, location)
 
 
 def create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64], sizes: Mapping[str, int]) -> None:

@@ -18,7 +18,7 @@ from gliderhpc.store_schema.check import variable_differences
 from gliderhpc.store_schema.commits import UNREADABLE, array_at, label_of, readable_arrays
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_variable, mission_sizes
-from gliderhpc.store_schema.place import Place, group_at, is_archive, is_empty, root_metadata, store_at, wait_for
+from gliderhpc.store_schema.location import Location, group_at, is_archive, is_empty, root_metadata, store_at, wait_for
 from gliderhpc.store_schema.rows import read_profiles
 from gliderhpc.store_schema.schema import (
     COMMITS,
@@ -39,14 +39,14 @@ OUTDATED = "outdated"
 """Attribute of a study's group that describes the change of the archive that made it outdated."""
 
 
-def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]) -> None:
+def grow_archive(location: Location, profiles: Sequence[int], sizes: Mapping[str, int]) -> None:
     """Extend an archive for the profiles of a grown observation file; existing data are unchanged.
 
     Longer rows continue in further chunks. An interrupted extension is completed by another call.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     profiles : sequence of int
         Numbers of all profiles, the existing ones first.
@@ -58,52 +58,52 @@ def grow_archive(place: Place, profiles: Sequence[int], sizes: Mapping[str, int]
     InputError
         The profiles do not continue the archive's.
     """
-    before = read_profiles(place)
-    check_continuation(place, before, profiles)
-    now = mission_sizes(place)
-    wanted = {dim: max(size, sizes.get(dim, 0)) for dim, size in now.items()} | {PROFILE: len(profiles)}
-    if wanted == now | {PROFILE: len(before)}:
+    existing = read_profiles(location)
+    check_continuation(location, existing, profiles)
+    present_sizes = mission_sizes(location)
+    new_sizes = {dim: max(size, sizes.get(dim, 0)) for dim, size in present_sizes.items()} | {PROFILE: len(profiles)}
+    if new_sizes == present_sizes | {PROFILE: len(existing)}:
         return
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     for study, study_node in studies_in(root):
-        _grow_study(place, study_node, study, wanted, profiles)
+        _grow_study(location, study_node, study, new_sizes, profiles)
     for group in reversed(MISSION.groups):
         node = root if group.name == "/" else root[group.name]
         if isinstance(node, zarr.Group):
-            _grow_group(node, group, wanted, profiles)
-    consolidate(place)
+            _grow_group(node, group, new_sizes, profiles)
+    consolidate(location)
 
 
-def check_continuation(place: Place, before: Sequence[int], profiles: Sequence[int]) -> None:
-    """Check that profiles continue those of an archive.
+def check_continuation(location: Location, existing: Sequence[int], profiles: Sequence[int]) -> None:
+    """Check that profiles continue the existing ones of an archive.
 
     Raises
     ------
     InputError
         They do not.
     """
-    if list(profiles[: len(before)]) != list(before):
+    if list(profiles[: len(existing)]) != list(existing):
         raise InputError(
-            f"{place}: the chosen profiles do not begin with those of the archive; append only adds profiles after "
-            f"number {before[-1]}; otherwise use `overwrite=True`"
+            f"{location}: the chosen profiles do not begin with those of the archive; append only adds profiles after "
+            f"number {existing[-1]}; otherwise use `overwrite=True`"
         )
 
 
-def mark_studies_outdated(place: Place, why: str) -> None:
+def mark_studies_outdated(location: Location, reason: str) -> None:
     """Mark every study's group as outdated by a change of the archive."""
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     for _, node in studies_in(root):
-        node.attrs[OUTDATED] = why
+        node.attrs[OUTDATED] = reason
 
 
 def _grow_study(
-    place: Place, node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]
+    location: Location, node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]
 ) -> None:
     """Grow a study; it is marked incomplete in the meantime, and permanently if its tables are damaged."""
-    sound = bool(node.attrs.get(COMPLETE)) and not table_damages(place, group)
+    was_complete = bool(node.attrs.get(COMPLETE)) and not table_damages(location, group)
     node.attrs[COMPLETE] = False
     _grow_group(node, group, sizes, profiles)
-    node.attrs.update({DIGESTS: table_digests(place, group), COMPLETE: sound})
+    node.attrs.update({DIGESTS: table_digests(location, group), COMPLETE: was_complete})
 
 
 def _grow_group(node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]) -> None:
@@ -150,12 +150,12 @@ def _values_of(array: zarr.Array[Any]) -> Any:
 Arrays = dict[str, zarr.Array[Any]]
 
 
-def mend_metadata(place: Place) -> list[str]:
+def mend_metadata(location: Location) -> list[str]:
     """Rewrite damaged or missing metadata of an archive.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive; nothing is done if too little is left to determine its sizes.
 
     Returns
@@ -168,22 +168,22 @@ def mend_metadata(place: Place) -> list[str]:
     InputError
         Too little is left of a study's group.
     """
-    if is_empty(place) or _is_of_another_version(place):
+    if is_empty(location) or _is_of_another_version(location):
         return []
-    damaged = _damaged(place, list(MISSION))
-    if damaged is None or (damaged and not is_archive(place)):
+    damaged = _damaged(location, list(MISSION))
+    if damaged is None or (damaged and not is_archive(location)):
         return []  # too little is left, or the version of the schema is unknown
-    mended = [*_mend_groups(place, list(MISSION)), *_rewrite(place, damaged)]
+    mended = [*_mend_groups(location, list(MISSION)), *_rewrite(location, damaged)]
     for study in STUDIES:
-        if not has_study(place, study):
+        if not has_study(location, study):
             continue
-        damaged = _damaged(place, [study])
+        damaged = _damaged(location, [study])
         if damaged is None:
             raise InputError(
-                f"{place}: {study.name}: its metadata is damaged beyond what the schema can restore; remove that "
+                f"{location}: {study.name}: its metadata is damaged beyond what the schema can restore; remove that "
                 f"folder and run {study.name} again"
             )
-        mended += [*_mend_groups(place, [study]), *_rewrite(place, damaged)]
+        mended += [*_mend_groups(location, [study]), *_rewrite(location, damaged)]
     return mended
 
 
@@ -197,9 +197,9 @@ class _Damaged:
     chunks: tuple[int, ...]
 
 
-def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
+def _damaged(location: Location, groups: list[Group]) -> list[_Damaged] | None:
     """Find variables with damaged metadata in some groups; None where too little is left to determine their sizes."""
-    arrays = readable_arrays(place, [label_of(group.name, v.name) for group in groups for v in group.variables])
+    arrays = readable_arrays(location, [label_of(group.name, v.name) for group in groups for v in group.variables])
     shapes = _Shapes(arrays, groups)
     if not shapes.complete:
         return None
@@ -211,18 +211,18 @@ def _damaged(place: Place, groups: list[Group]) -> list[_Damaged] | None:
     ]
 
 
-def _rewrite(place: Place, damaged: list[_Damaged]) -> Iterator[str]:
-    root = group_at(place, writable=True)
-    for one in damaged:
-        label = label_of(one.group.name, one.variable.name)
-        _delete_metadata(place, label)
-        node: Any = root if one.group.name == "/" else root[one.group.name]
-        create_variable(node, one.group, one.variable, one.shape, one.chunks)
+def _rewrite(location: Location, damaged: list[_Damaged]) -> Iterator[str]:
+    root = group_at(location, writable=True)
+    for array in damaged:
+        label = label_of(array.group.name, array.variable.name)
+        _delete_metadata(location, label)
+        node: Any = root if array.group.name == "/" else root[array.group.name]
+        create_variable(node, array.group, array.variable, array.shape, array.chunks)
         yield label
 
 
-def _is_of_another_version(place: Place) -> bool:
-    metadata = root_metadata(place) if is_archive(place) else None
+def _is_of_another_version(location: Location) -> bool:
+    metadata = root_metadata(location) if is_archive(location) else None
     return metadata is not None and metadata["attributes"].get("schema_version") != MISSION.version
 
 
@@ -262,10 +262,10 @@ def _differs(array: zarr.Array[Any] | None, group: Group, variable: Variable, sh
     return any(True for _ in variable_differences(array, group, variable, sizes))
 
 
-def _mend_groups(place: Place, groups: list[Group]) -> Iterator[str]:
-    store = store_at(place)
-    if not is_archive(place):
-        _delete_metadata(place, "")
+def _mend_groups(location: Location, groups: list[Group]) -> Iterator[str]:
+    store = store_at(location)
+    if not is_archive(location):
+        _delete_metadata(location, "")
         attributes = {"Conventions": CONVENTIONS, "schema": SCHEMA_NAME, "schema_version": MISSION.version}
         zarr.create_group(store, zarr_format=3, attributes=attributes)
         yield "/"
@@ -275,11 +275,11 @@ def _mend_groups(place: Place, groups: list[Group]) -> Iterator[str]:
         try:
             zarr.open_group(store, path=group.name, mode="r", use_consolidated=False)
         except (*UNREADABLE, FileNotFoundError):
-            _delete_metadata(place, group.name)
+            _delete_metadata(location, group.name)
             study = {} if group in MISSION.groups else {COMPLETE: False}
             zarr.create_group(store, path=group.name, zarr_format=3, attributes={"title": group.title, **study})
             yield group.name
 
 
-def _delete_metadata(place: Place, label: str) -> None:
-    wait_for(store_at(place).delete(f"{label}/zarr.json".lstrip("/")))
+def _delete_metadata(location: Location, label: str) -> None:
+    wait_for(store_at(location).delete(f"{label}/zarr.json".lstrip("/")))

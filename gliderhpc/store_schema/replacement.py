@@ -19,7 +19,7 @@ from pathlib import Path
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.commits import has_commits, is_begun
-from gliderhpc.store_schema.place import Place, absolute, is_address, is_archive, remove
+from gliderhpc.store_schema.location import Location, absolute, is_address, is_archive, remove
 
 log = logging.getLogger(__name__)
 
@@ -32,13 +32,13 @@ class Predecessor:
 
     Attributes
     ----------
-    place : str
+    location : str
         Location of the new archive.
     aside : Path or None
         Present location of the replaced archive, None where there was none or it was removed.
     """
 
-    place: str
+    location: str
     aside: Path | None
 
     def discard(self) -> None:
@@ -48,22 +48,22 @@ class Predecessor:
 
     def restore(self) -> None:
         """Restore the replaced archive and remove the new one."""
-        if is_address(self.place):
-            remove(self.place)
+        if is_address(self.location):
+            remove(self.location)
         else:
-            _restore(Path(self.place), self.aside)
+            _restore(Path(self.location), self.aside)
 
 
 @contextmanager
-def replacing(place: Place, create: Callable[[Place], None], token: str) -> Iterator[Callable[[], None]]:
+def replacing(location: Location, create: Callable[[Location], None], token: str) -> Iterator[Callable[[], None]]:
     """Create a new archive in its place for the duration of the context, and permanently once it holds a profile.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         Location of the new archive; missing parent folders are created.
     create : callable
-        Function that creates the empty archive in a given place.
+        Function that creates the empty archive at a given location.
     token : str
         Sixteen hexadecimal digits, unique to the run.
 
@@ -76,27 +76,27 @@ def replacing(place: Place, create: Callable[[Place], None], token: str) -> Iter
     Raises
     ------
     InputError
-        The place cannot be written.
+        The location cannot be written.
     """
-    before = replace(place, create, token)
+    before = replace(location, create, token)
     try:
         yield before.discard
     finally:
-        if has_commits(before.place):
+        if has_commits(before.location):
             before.discard()
         else:
             before.restore()
 
 
-def replace(place: Place, create: Callable[[Place], None], token: str) -> Predecessor:
+def replace(location: Location, create: Callable[[Location], None], token: str) -> Predecessor:
     """Create a new archive in its place and set aside an existing one.
 
     Raises
     ------
     InputError
-        The place cannot be written.
+        The location cannot be written.
     """
-    name = absolute(place)
+    name = absolute(location)
     if is_address(name):
         remove(name)
         create(name)
@@ -108,18 +108,18 @@ def replace(place: Place, create: Callable[[Place], None], token: str) -> Predec
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise
-        raise InputError(f"{place}: cannot be written ({error.strerror}); give another place with `store`") from None
+        raise InputError(f"{location}: cannot be written ({error.strerror}); give another place with `store`") from None
     return Predecessor(name, aside)
 
 
-def restore_set_aside(place: Place) -> None:
+def restore_set_aside(location: Location) -> None:
     """Restore the archive that a killed run had set aside without completing a single profile.
 
     Only for the holder of the archive's lock: a run in progress owns the archive that it has set aside.
     """
-    if is_address(place):
+    if is_address(location):
         return
-    path = Path(absolute(place))
+    path = Path(absolute(location))
     found = _archives_set_aside(path)
     if not found:
         return
@@ -137,7 +137,7 @@ def new_token() -> str:
     return secrets.token_hex(8)
 
 
-def _exchange(path: Path, create: Callable[[Place], None], token: str) -> Path | None:
+def _exchange(path: Path, create: Callable[[Location], None], token: str) -> Path | None:
     """Create an archive and rename it into its place; return the location of the replaced one."""
     partial, aside = (_named_after(path, token, kind) for kind in ("partial", "old"))
     try:

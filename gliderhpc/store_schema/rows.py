@@ -27,7 +27,7 @@ from gliderhpc.store_schema.commits import (
 )
 from gliderhpc.store_schema.create import coordinate_values
 from gliderhpc.store_schema.digests import Digests, RecordingStore
-from gliderhpc.store_schema.place import Place, group_at, store_at
+from gliderhpc.store_schema.location import Location, group_at, store_at
 from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, Variable, group_called
 
 MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"
@@ -45,7 +45,7 @@ def encoded(variable: Variable, values: Any) -> Any:
 def padded_row(variable: Variable, label: str, row: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Check a row against its variable and pad it with the fill value to its shape."""
     values = np.asarray(encoded(variable, row))
-    if values.ndim != len(shape) or any(own > length for own, length in zip(values.shape, shape, strict=True)):
+    if values.ndim != len(shape) or any(size > length for size, length in zip(values.shape, shape, strict=True)):
         raise ValueError(f"{label}: a row of shape {values.shape} does not fit into one of shape {shape}")
     if not variable.dtype.startswith("float") and values.dtype.kind not in "iub":
         raise ValueError(f"{label}: {values.dtype} values cannot be stored in {variable.dtype} without loss")
@@ -66,12 +66,12 @@ class ArchiveRows:
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     """
 
-    def __init__(self, place: Place) -> None:
-        self._store = RecordingStore(store_at(place))
+    def __init__(self, location: Location) -> None:
+        self._store = RecordingStore(store_at(location))
         self._root = zarr.open_group(self._store, mode="r+", use_consolidated=False)
         self._arrays: dict[str, AsyncArray] = {}
 
@@ -142,8 +142,8 @@ class ArchiveRows:
         if amended is None:
             missing = dict.fromkeys(name for key, name in chunks.items() if key not in self._store.digests)
             write_values((arrays[name], profile_index, arrays[name].metadata.fill_value) for name in missing)
-        before = amended or {}
-        manifest = {key: self._store.digests.get(key, before.get(key)) for key in chunks}
+        previous = amended or {}
+        manifest = {key: self._store.digests.get(key, previous.get(key)) for key in chunks}
         text, marker = as_texts(row, inputs, manifest, finished, extra)
         self._put_text(MANIFEST, profile_index, text)
         self._put_text(MARKER, profile_index, marker)
@@ -171,12 +171,12 @@ class ArchiveRows:
         return {name: self._arrays[name] for name in names}
 
 
-def read_attributes(place: Place) -> dict[str, Any]:
+def read_attributes(location: Location) -> dict[str, Any]:
     """Read the root attributes of an archive."""
-    return dict(group_at(place).attrs)
+    return dict(group_at(location).attrs)
 
 
-def read_profiles(place: Place) -> list[int]:
+def read_profiles(location: Location) -> list[int]:
     """Read the numbers of an archive's profiles, in the order of its profile dimension.
 
     Every group repeats them; those of the first group in which they are readable and increasing are returned.
@@ -186,7 +186,7 @@ def read_profiles(place: Place) -> list[int]:
     ValueError
         They are damaged in every group.
     """
-    root = group_at(place)
+    root = group_at(location)
     for group in MISSION:
         try:
             numbers = np.asarray(array_at(root, label_of(group.name, PROFILE))[:])
@@ -194,19 +194,19 @@ def read_profiles(place: Place) -> list[int]:
             continue
         if numbers.size == 1 or (np.diff(numbers) > 0).all():
             return [int(number) for number in numbers]
-    raise ValueError(f"{place}: the profiles' numbers are damaged in every group")
+    raise ValueError(f"{location}: the profiles' numbers are damaged in every group")
 
 
 Rows = Mapping[int, Mapping[str, Any]]
 """Values by position along the profile dimension and by variable (``GROUP/NAME``, at the root ``NAME``)."""
 
 
-def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
+def write_table_rows(location: Location, rows: Rows, group: str = "/") -> None:
     """Write values into a group's table of profiles; only for the coordinator, since all profiles share a chunk.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     rows : mapping of int to mapping of str to value
         Values by position along the profile dimension (from 0) and by variable, ``GROUP/NAME`` for one of a subgroup;
@@ -222,32 +222,32 @@ def write_table_rows(place: Place, rows: Rows, group: str = "/") -> None:
     ValueError
         A position is outside the archive.
     """
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     for name in dict.fromkeys(name for row in rows.values() for name in row):
-        below, _, own = name.rpartition("/")
-        owner = below or group
-        variable = group_called(owner)[own]
-        if own == PROFILE:
+        subgroup, _, column_name = name.rpartition("/")
+        owner = subgroup or group
+        variable = group_called(owner)[column_name]
+        if column_name == PROFILE:
             raise ValueError("the profiles' numbers are fixed when the archive is created")
         if not variable.is_table:
-            raise ValueError(f"{owner}/{own} is not a column of a table")
-        array = array_at(root, label_of(owner, own))
+            raise ValueError(f"{owner}/{column_name} is not a column of a table")
+        array = array_at(root, label_of(owner, column_name))
         column = np.asarray(array[:])
-        _put(column, variable, name, rows)
+        _fill_column(column, variable, name, rows)
         array[:] = column
 
 
-def write_mission_table(place: Place, rows: Rows) -> None:
+def write_mission_table(location: Location, rows: Rows) -> None:
     """Write the whole table of the mission; profiles and values that are not given become missing.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     rows : mapping of int to mapping of str to value
         Rows as for `write_table_rows` at the root.
     """
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     size = array_at(root, PROFILE).shape[0]
     columns = dict(mission_columns(rows, size))
     write_values((array, ..., columns[name]) for name, array in writable_arrays(root, columns).items())
@@ -262,25 +262,25 @@ def mission_columns(rows: Rows, size: int) -> Iterator[tuple[str, NDArray[Any]]]
             name = label_of(group.name, variable.name)
             dtype = np.dtypes.StringDType() if variable.dtype == "string" else np.dtype(variable.dtype)
             column: NDArray[Any] = np.full(size, variable.fill_value, dtype=dtype)
-            _put(column, variable, name, rows)
+            _fill_column(column, variable, name, rows)
             yield name, column
 
 
-def write_coordinates(place: Place) -> None:
+def write_coordinates(location: Location) -> None:
     """Rewrite the mission's coordinates, with the profiles' numbers of `read_profiles`."""
-    numbers = np.array(read_profiles(place), dtype=np.int64)
-    root = group_at(place, writable=True)
+    numbers = np.array(read_profiles(location), dtype=np.int64)
+    root = group_at(location, writable=True)
     coordinates = {label_of(group.name, v.name): v for group in MISSION for v in group.variables if v.dims == (v.name,)}
     for name, array in arrays_at(root, list(coordinates)).items():
         array[:] = coordinate_values(coordinates[name], numbers, array.shape[0])
 
 
-def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> None:
+def write_whole(location: Location, group: str, values: Mapping[str, ArrayLike]) -> None:
     """Write whole variables that do not belong to profiles; only for the coordinator.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     group : str
         Name of a study's group.
@@ -295,7 +295,7 @@ def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> No
     ValueError
         The shape differs, or the variable belongs to profiles.
     """
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     for name, content in values.items():
         variable = group_called(group)[name]
         if variable.dims[0] == PROFILE:
@@ -309,7 +309,7 @@ def write_whole(place: Place, group: str, values: Mapping[str, ArrayLike]) -> No
         array[...] = new.astype(np.dtypes.StringDType() if variable.dtype == "string" else variable.dtype)
 
 
-def _put(column: NDArray[Any], variable: Variable, name: str, rows: Rows) -> None:
+def _fill_column(column: NDArray[Any], variable: Variable, name: str, rows: Rows) -> None:
     for index, row in rows.items():
         check_position(index, len(column))
         if name in row:

@@ -19,7 +19,7 @@ from gliderhpc.store_schema.commits import (
     Damage,
     array_at,
     arrays_at,
-    compared,
+    differing_chunks,
     row_arrays,
     row_chunks,
     row_names,
@@ -28,9 +28,9 @@ from gliderhpc.store_schema.commits import (
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import as_json, create_variables, sizes_of
 from gliderhpc.store_schema.digests import Digests
-from gliderhpc.store_schema.place import (
+from gliderhpc.store_schema.location import (
     ROOT,
-    Place,
+    Location,
     group_at,
     read_group,
     remove_group,
@@ -54,7 +54,7 @@ log = logging.getLogger(__name__)
 
 
 def create_study(
-    place: Place,
+    location: Location,
     name: str,
     sizes: Mapping[str, int] | None = None,
     attributes: Mapping[str, Any] | None = None,
@@ -64,7 +64,7 @@ def create_study(
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     name : str
         Name of a group in :data:`gliderhpc.store_schema.schema.STUDIES`.
@@ -81,7 +81,7 @@ def create_study(
     missing. The group is marked incomplete until `finish_study`.
     """
     group = study_called(name)
-    root = group_at(place, writable=True)
+    root = group_at(location, writable=True)
     numbers = _numbers_of(root)
     content: dict[str, Buffer] = {}
     title = MISSION[name].title if is_shared(group) else group.title
@@ -94,29 +94,29 @@ def create_study(
         coordinate = node[dim]
         if isinstance(coordinate, zarr.Array):
             coordinate[:] = np.array(list(names), dtype=np.dtypes.StringDType())
-    remove_study(place, group)
-    write_group(content, place, name)
-    consolidate(place)
+    remove_study(location, group)
+    write_group(content, location, name)
+    consolidate(location)
 
 
-def remove_study(place: Place, group: Group) -> None:
+def remove_study(location: Location, group: Group) -> None:
     """Remove everything that a study has written; in a group shared with the mission, only the study's variables."""
     if is_shared(group):
-        _mark_incomplete(place, group)
+        _mark_incomplete(location, group)
     for path in _own_paths(group):
-        remove_group(place, path)
+        remove_group(location, path)
 
 
-def _mark_incomplete(place: Place, group: Group) -> None:
+def _mark_incomplete(location: Location, group: Group) -> None:
     """Mark a study of a shared group as interrupted, if it has been run."""
-    node = group_at(place, group.name, writable=True)
+    node = group_at(location, group.name, writable=True)
     if COMPLETE in node.attrs:
         node.attrs[COMPLETE] = False
 
 
-def has_study(place: Place, group: Group) -> bool:
+def has_study(location: Location, group: Group) -> bool:
     """Return whether a study has written anything."""
-    return any(not wait_for(store_at(place).is_empty(path)) for path in _own_paths(group))
+    return any(not wait_for(store_at(location).is_empty(path)) for path in _own_paths(group))
 
 
 def _own_paths(group: Group) -> list[str]:
@@ -132,11 +132,11 @@ class _Snapshot:
     metadata: dict[str, Buffer]
 
     @classmethod
-    def of(cls, place: Place, group: Group) -> _Snapshot:
+    def of(cls, location: Location, group: Group) -> _Snapshot:
         keys = [ROOT, f"{group.name}/{ROOT}"] if is_shared(group) else [ROOT]
-        stored = {key: wait_for(store_at(place).get(key, default_buffer_prototype())) for key in keys}
+        stored = {key: wait_for(store_at(location).get(key, default_buffer_prototype())) for key in keys}
         metadata = {key: value for key, value in stored.items() if value is not None}
-        return cls({path: read_group(place, path) for path in _own_paths(group)}, metadata)
+        return cls({path: read_group(location, path) for path in _own_paths(group)}, metadata)
 
     def equals(self, other: _Snapshot) -> bool:
         return all(
@@ -148,21 +148,21 @@ class _Snapshot:
     def _parts(self) -> list[dict[str, Buffer]]:
         return [*self.content.values(), self.metadata]
 
-    def restore(self, place: Place, group: Group) -> None:
-        remove_study(place, group)
+    def restore(self, location: Location, group: Group) -> None:
+        remove_study(location, group)
         for path, content in self.content.items():
-            write_group(content, place, path)
+            write_group(content, location, path)
         for key, value in self.metadata.items():
-            wait_for(store_at(place).set(key, value))
+            wait_for(store_at(location).set(key, value))
 
 
 @contextmanager
-def restored_on_error(place: Place, name: str) -> Iterator[None]:
+def restored_on_error(location: Location, name: str) -> Iterator[None]:
     """Restore a study's group, or remove it if there was none, when the block ends with an error.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     name : str
         Name of a group in :data:`gliderhpc.store_schema.schema.STUDIES`.
@@ -173,15 +173,15 @@ def restored_on_error(place: Place, name: str) -> Iterator[None]:
     rename, and a copy in the archive would remain after a killed run.
     """
     group = study_called(name)
-    earlier = _Snapshot.of(place, group)
+    earlier = _Snapshot.of(location, group)
     try:
         yield
     except BaseException:
         try:
-            if not earlier.equals(_Snapshot.of(place, group)):
-                earlier.restore(place, group)
+            if not earlier.equals(_Snapshot.of(location, group)):
+                earlier.restore(location, group)
         except OSError as error:
-            log.warning("%s: the earlier results of %s cannot be restored (%s)", place, name, error)
+            log.warning("%s: the earlier results of %s cannot be restored (%s)", location, name, error)
         raise
 
 
@@ -195,26 +195,26 @@ def studies_in(root: zarr.Group, *, finished: bool = False) -> Iterator[tuple[Gr
             yield study, node
 
 
-def study_attributes(place: Place, name: str) -> dict[str, Any]:
+def study_attributes(location: Location, name: str) -> dict[str, Any]:
     """Return the attributes of a study's group, empty if the archive has no such group."""
-    root = group_at(place)
+    root = group_at(location)
     return dict(root[name].attrs) if name in root else {}
 
 
-def finish_study(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
+def finish_study(location: Location, name: str, attributes: Mapping[str, Any]) -> None:
     """Add a study's findings to its group as attributes (anything that JSON holds), mark it complete, consolidate."""
     group = study_called(name)
-    complete_manifests(place, group)
-    node = group_at(place, name, writable=True)
-    node.attrs.update({**as_json(attributes), DIGESTS: table_digests(place, group), COMPLETE: True})
-    consolidate(place)
+    complete_manifests(location, group)
+    node = group_at(location, name, writable=True)
+    node.attrs.update({**as_json(attributes), DIGESTS: table_digests(location, group), COMPLETE: True})
+    consolidate(location)
 
 
-def set_study_attributes(place: Place, name: str, attributes: Mapping[str, Any]) -> None:
+def set_study_attributes(location: Location, name: str, attributes: Mapping[str, Any]) -> None:
     """Add or replace attributes of a study's group (anything that JSON holds) and consolidate; for the coordinator."""
-    node = group_at(place, name, writable=True)
+    node = group_at(location, name, writable=True)
     node.attrs.update(as_json(attributes))
-    consolidate(place)
+    consolidate(location)
 
 
 def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
@@ -224,12 +224,12 @@ def _numbers_of(root: zarr.Group) -> NDArray[np.int64]:
     return np.asarray(array[:], dtype=np.int64)
 
 
-def write_manifests(place: Place, name: str, written: Mapping[int, Digests]) -> None:
+def write_manifests(location: Location, name: str, written: Mapping[int, Digests]) -> None:
     """Write the manifest of every profile's rows of a study whose group has just been created.
 
     Parameters
     ----------
-    place : str or Path
+    location : str or Path
         The archive.
     name : str
         Name of the study's group.
@@ -240,12 +240,12 @@ def write_manifests(place: Place, name: str, written: Mapping[int, Digests]) -> 
     def digests(index: int, chunks: Mapping[str, str]) -> Digests:
         return {key: written.get(index, {}).get(key) for key in chunks}
 
-    _put_manifests(group_at(place, writable=True), study_called(name), digests)
+    _put_manifests(group_at(location, writable=True), study_called(name), digests)
 
 
-def complete_manifests(place: Place, group: Group) -> None:
+def complete_manifests(location: Location, group: Group) -> None:
     """Write the manifests of a study's rows from the stored chunks, if any manifest is missing."""
-    store = store_at(place)
+    store = store_at(location)
     root = zarr.open_group(store, mode="r+", use_consolidated=False)
     if row_names([group]) and not all(np.asarray(array_at(root, f"{group.name}/{MANIFEST}")[:])):
         _put_manifests(root, group, lambda _, chunks: stored_digests(store, chunks))
@@ -259,21 +259,21 @@ def _put_manifests(root: zarr.Group, group: Group, digests: Callable[[int, Mappi
         manifests[:] = np.array(texts, dtype=np.dtypes.StringDType())
 
 
-def table_digests(place: Place, group: Group) -> Digests:
+def table_digests(location: Location, group: Group) -> Digests:
     """Return the digests of the chunks of a study's tables, by key."""
-    store = store_at(place, read_only=True)
+    store = store_at(location, read_only=True)
     root = zarr.open_group(store, mode="r", use_consolidated=False)
     return stored_digests(store, _table_chunks(root, group))
 
 
-def table_damages(place: Place, group: Group) -> list[Damage]:
+def table_damages(location: Location, group: Group) -> list[Damage]:
     """Find chunks of a study's tables that have changed since it was finished; their profile is -1."""
-    store = store_at(place, read_only=True)
+    store = store_at(location, read_only=True)
     node = zarr.open_group(store, mode="r", path=group.name, use_consolidated=False)
     attributes: dict[str, Any] = dict(node.attrs)
-    wanted = dict(attributes.get(DIGESTS, {}))
-    variables = {key: key.rpartition("/")[0] for key in wanted}
-    return compared(-1, variables, wanted, stored_digests(store, wanted))
+    expected = dict(attributes.get(DIGESTS, {}))
+    variables = {key: key.rpartition("/")[0] for key in expected}
+    return differing_chunks(-1, variables, expected, stored_digests(store, expected))
 
 
 def _table_chunks(root: zarr.Group, group: Group) -> dict[str, str]:

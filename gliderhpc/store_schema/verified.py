@@ -34,21 +34,21 @@ class VerifiedStore(WrapperStore[Store]):
     ----------
     store : zarr.abc.store.Store
         Store of the archive.
-    place : str
+    location : str
         Name of the archive in messages.
     """
 
     # Newer versions of zarr bypass `get` where a store supports synchronous access.
     _supports_sync_io = False
 
-    def __init__(self, store: Store, place: str) -> None:
+    def __init__(self, store: Store, location: str) -> None:
         super().__init__(store)
-        self._place = place
+        self._location = location
         self._manifests: dict[tuple[str | None, int], Digests | None] = {}
         self._tables: dict[str, Digests] = {}
 
     def _with_store(self, store: Store) -> VerifiedStore:
-        return VerifiedStore(store, self._place)
+        return VerifiedStore(store, self._location)
 
     async def get(
         self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
@@ -69,21 +69,21 @@ class VerifiedStore(WrapperStore[Store]):
         variable, _, chunk = key.rpartition("/")
         if not chunk.startswith("c"):
             return
-        found = None if value is None else digest_of(value.to_bytes())
+        digest = None if value is None else digest_of(value.to_bytes())
         if variable in _ROWS:
             index = int(chunk.split(".")[1])
-            if self._differs(await self._manifest(variable, index), key, found):
+            if self._differs(await self._manifest(variable, index), key, digest):
                 # A run may have recomputed the profile meanwhile.
                 self._manifests.pop((_ROWS[variable], index))
-                if self._differs(await self._manifest(variable, index), key, found):
-                    raise InputError(await self._message(index, variable, found))
-        elif self._differs(await self._table_digests(variable), key, found):
+                if self._differs(await self._manifest(variable, index), key, digest):
+                    raise InputError(await self._message(index, variable, digest))
+        elif self._differs(await self._table_digests(variable), key, digest):
             study = variable.partition("/")[0]
-            raise InputError(f"{self._place}: {variable}: the chunk is {_state(found)}; run {study} again")
+            raise InputError(f"{self._location}: {variable}: the chunk is {_state(digest)}; run {study} again")
 
     @staticmethod
-    def _differs(wanted: Digests | None, key: str, found: str | None) -> bool:
-        return wanted is not None and key in wanted and wanted[key] != found
+    def _differs(expected: Digests | None, key: str, digest: str | None) -> bool:
+        return expected is not None and key in expected and expected[key] != digest
 
     async def _manifest(self, variable: str, index: int) -> Digests | None:
         """Return the digests of a profile's chunks of the mission or of a study, None where it is not committed."""
@@ -100,7 +100,7 @@ class VerifiedStore(WrapperStore[Store]):
         except UNREADABLE as error:
             commit = first_line(error)
         if isinstance(commit, str):
-            raise InputError(f"{self._place}: profile {await self._number(index)}, {COMMITS}: {commit}; {BY_RESUME}")
+            raise InputError(f"{self._location}: profile {await self._number(index)}, {COMMITS}: {commit}; {BY_RESUME}")
         return None if commit is None else commit.manifest
 
     async def _study(self, study: str, index: int) -> Digests | None:
@@ -125,16 +125,16 @@ class VerifiedStore(WrapperStore[Store]):
         array = await zarr_async.open_array(store=self._store, path=name, mode="r")
         return str(np.asarray(await array.getitem(slice(index, index + 1)))[0])
 
-    async def _message(self, index: int, variable: str, found: str | None) -> str:
+    async def _message(self, index: int, variable: str, digest: str | None) -> str:
         study = _ROWS[variable]
         remedy = BY_RESUME if study is None else f"run {study} again"
         number = await self._number(index)
-        return f"{self._place}: profile {number}, {variable}: the chunk is {_state(found)}; {remedy}"
+        return f"{self._location}: profile {number}, {variable}: the chunk is {_state(digest)}; {remedy}"
 
     async def _number(self, index: int) -> int:
         array = await zarr_async.open_array(store=self._store, path=PROFILE, mode="r")
         return int(np.asarray(await array.getitem(slice(index, index + 1)))[0])
 
 
-def _state(found: str | None) -> str:
-    return "missing" if found is None else "damaged"
+def _state(digest: str | None) -> str:
+    return "missing" if digest is None else "damaged"

@@ -15,7 +15,7 @@ from gliderhpc.mission.executors import Executor
 from gliderhpc.mission.settings import MissionSettings, SettingsModel, build_settings_of, parse_assignments
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.place import is_address
+from gliderhpc.store_schema.location import is_address
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,8 +173,8 @@ def calibrate(
     remaining parameters are fitted without the prior. A parameter that runs to its bound is held there. A hull without
     stable glides is fitted again with the lateral terms held, and so is one with a parameter whose interval is wider
     than its plausible deviation, if fewer parameters remain undetermined and the turns fit about as well: near neutral
-    stability in yaw, real disturbances pass for small errors of the balance, and the fit follows them. The result is
-    compared with the start, on the profiles fitted and on those held out.
+    stability in yaw, real disturbances are mistaken for small errors of the balance, and the fit follows them. The
+    result is compared with the start, on the profiles fitted and on those held out.
 
     Parameters
     ----------
@@ -198,30 +198,19 @@ def calibrate(
     candidates = steady_parameters(platform, segments)
     if settings.trend:
         candidates = (*candidates, TREND)
-    known = (*candidates, *(p for p in hull_parameters(platform) if p not in candidates))
-    free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, known))
-    errors = SegmentErrors(platform, candidates, segments)
+    all_parameters = (*candidates, *(p for p in hull_parameters(platform) if p not in candidates))
+    free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, all_parameters))
     lateral = np.isin([p.key for p in candidates], LATERAL)
-    fit = Fit(errors, _search_from_best_start(errors, free, settings, report))
-    why = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
-    if why is not None:
-        report(f"fitting again with the lateral terms held ({HELD_REASONS[why]})")
-        separate = errors.with_separate_turns()
-        held = Fit(separate, _search_from_best_start(separate, free & ~lateral, settings, report))
-        if is_better_held(why, fit, held):
-            fit, errors = held, separate
-        else:
-            report("with the lateral terms held, the turns do not fit or less is determined: the first fit is used")
-            why = None
-    search, covariance = fit.search, fit.covariance
-    reasons = _reasons(search, free, free & lateral, why)
+    fit, lateral_verdict = _fit(SegmentErrors(platform, candidates, segments), free, lateral, settings, report)
+    errors, search, covariance = fit.errors, fit.search, fit.covariance
+    reasons = _reasons(search, free, free & lateral, lateral_verdict)
     parameters, estimated = _judge_parameters(errors, search, covariance, reasons)
     hull = with_values(
         platform, {p.parameter.key: p.after for p in parameters if p.after != p.before and p.parameter is not TREND}
     )
     steps = np.array([p.steps for p in parameters])
-    hull = with_covariance(hull, _stated(errors, steps, covariance))
-    found = Calibration(
+    hull = with_covariance(hull, _errors_in_file(errors, steps, covariance))
+    calibration = Calibration(
         hull,
         parameters,
         estimated,
@@ -231,16 +220,33 @@ def calibrate(
         errors.reference,
     )
     _check_glides(hull)
-    _check_improved(found, search)
-    return found
+    _check_improved(calibration, search)
+    return calibration
+
+
+def _fit(
+    errors: SegmentErrors, free: Mask, lateral: Mask, settings: CalibrationSettings, report: Callable[[str], None]
+) -> tuple[Fit, CalibrationVerdict | None]:
+    """Fit the free parameters, or again with the lateral terms held, and return the reason for the latter fit."""
+    fit = Fit(errors, _search_from_best_start(errors, free, settings, report))
+    reason = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
+    if reason is None:
+        return fit, None
+    report(f"fitting again with the lateral terms held ({HELD_REASONS[reason]})")
+    separate = errors.with_separate_turns()
+    held = Fit(separate, _search_from_best_start(separate, free & ~lateral, settings, report))
+    if is_better_held(reason, fit, held):
+        return held, reason
+    report("with the lateral terms held, the turns do not fit or less is determined: the first fit is used")
+    return fit, None
 
 
 def start_subset(errors: SegmentErrors) -> SegmentErrors:
-    """Errors over a subset of the segments, spread over all, for the search of a starting point."""
-    every = -(-len(errors.segments) // MAX_START_SEGMENTS)
-    part = errors.segments.select(np.arange(len(errors.segments)) % every == 0)
+    """Return the errors over a subset of the segments, evenly spread, for the search of a starting point."""
+    stride = -(-len(errors.segments) // MAX_START_SEGMENTS)
+    subset = errors.segments.select(np.arange(len(errors.segments)) % stride == 0)
     return SegmentErrors(
-        errors.platform, errors.parameters, part, errors.reference, separate_turns=errors.separate_turns
+        errors.platform, errors.parameters, subset, errors.reference, separate_turns=errors.separate_turns
     )
 
 
@@ -252,8 +258,8 @@ def _search_from_best_start(
     if not _is_worse(search):
         return search
     report("the fit is worse than the platform: fitting again from the platform's values")
-    again = _search_from(np.zeros(len(free)), errors, free, settings, report)
-    return search if _is_worse(again) else again
+    from_platform = _search_from(np.zeros(len(free)), errors, free, settings, report)
+    return search if _is_worse(from_platform) else from_platform
 
 
 def _search_from(
@@ -304,29 +310,30 @@ def _check_glides(hull: Platform) -> None:
         )
 
 
-def _check_improved(found: Calibration, search: CalibrationSearch) -> None:
-    """Refuse a fit whose cost rose, or whose errors are clearly larger than those of the original platform."""
+def _check_improved(calibration: Calibration, search: CalibrationSearch) -> None:
+    """Refuse a fit whose cost increased, or whose errors are clearly larger than those of the original platform."""
     if _is_worse(search):
         before, after = _costs(search)
         raise CalibrationError(
             f"calibration: no fit is better than the platform (cost {after:.1f}, of the platform {before:.1f}); "
             f"if the platform was calibrated on these profiles, use it as it is; otherwise {REMEDY}"
         )
-    check_errors(found.fitted, found.held_out)
+    check_errors(calibration.fitted, calibration.held_out)
 
 
 def _reasons(
-    search: CalibrationSearch, free: Mask, refused: Mask, why: CalibrationVerdict | None
+    search: CalibrationSearch, free: Mask, lateral: Mask, lateral_verdict: CalibrationVerdict | None
 ) -> dict[int, tuple[CalibrationVerdict, tuple[int, ...]]]:
-    """Reason why each held parameter was held, and the other parameters in its direction.
+    """Return the reason why each held parameter was held, and the other parameters in its direction.
 
-    Parameters were held as requested (not `free`), in the second fit (`refused`, and `why`), or during the search.
+    Parameters were held as requested (not `free`), in the second fit (`lateral`, if it has a verdict), or during the
+    search.
     """
     reasons: dict[int, tuple[CalibrationVerdict, tuple[int, ...]]] = {
         int(i): (CalibrationVerdict.ASKED, ()) for i in np.flatnonzero(~free)
     }
-    if why is not None:
-        reasons |= {int(i): (why, ()) for i in np.flatnonzero(refused)}
+    if lateral_verdict is not None:
+        reasons |= {int(i): (lateral_verdict, ()) for i in np.flatnonzero(lateral)}
     return reasons | {held.index: (held.verdict, held.confounded_with) for held in search.held}
 
 
@@ -344,9 +351,9 @@ def _judge_parameters(
     quantile = normal_quantile(0.5 + 0.5 * LEVEL)
     parameters = []
     for i, parameter in enumerate(errors.parameters):
-        step, reach = float(search.steps[i]), quantile * math.sqrt(variance[i])
+        step, half_width = float(search.steps[i]), quantile * math.sqrt(variance[i])
         after = parameter.moved(errors.platform, step)
-        ends = [parameter.moved(errors.platform, step + side * reach) for side in (-1.0, 1.0)]
+        ends = [parameter.moved(errors.platform, step + sign * half_width) for sign in (-1.0, 1.0)]
         verdict, confounded_with = reasons.get(i, (CalibrationVerdict.ESTIMATED, ()))
         parameters.append(
             CalibratedParameter(
@@ -363,13 +370,13 @@ def _judge_parameters(
     return tuple(parameters), directions(jacobian)
 
 
-def _stated(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
-    """Errors of the parameters that the platform file contains, in its units."""
+def _errors_in_file(errors: SegmentErrors, steps: Array, covariance: Array) -> CalibrationErrors:
+    """Return the errors of the parameters that the platform file contains, in its units."""
     parameters = (*errors.parameters, *errors.unfitted)
-    every = np.concatenate([steps, np.zeros(len(errors.unfitted))])
+    all_steps = np.concatenate([steps, np.zeros(len(errors.unfitted))])
     listed = [i for i, parameter in enumerate(parameters) if parameter is not TREND]
     return errors_in_units(
-        errors.platform, [parameters[i] for i in listed], every[listed], covariance[np.ix_(listed, listed)]
+        errors.platform, [parameters[i] for i in listed], all_steps[listed], covariance[np.ix_(listed, listed)]
     )
 
 

@@ -39,7 +39,7 @@ class Fit:
     def largest_variance(self) -> float:
         """Largest variance of the fitted parameters, in plausible deviations; zero if none is fitted.
 
-        The part of `UNFITTED_MOTION` is left out: no steady glide separates moments from the added masses'.
+        The contribution of `UNFITTED_MOTION` is left out: no steady glide separates moments from the added masses'.
         """
         free = np.flatnonzero(self.search.free)
         motion = len(self.search.free) + np.flatnonzero([p in UNFITTED_MOTION for p in self.errors.unfitted])
@@ -59,18 +59,18 @@ def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:
     count = len(search.free)
     unfitted = np.arange(count, count + len(errors.unfitted))
     jacobian, _ = search.weighted()
-    wrong = np.maximum(1.0, np.abs(search.steps[held]))
-    by_held, by_offsets, by_unfitted = (
-        sensitivity(jacobian[:, free], unseen)
-        for unseen in (jacobian[:, held] * wrong, search.weighted_offsets(), search.weighted_unfitted())
+    deviation = np.maximum(1.0, np.abs(search.steps[held]))
+    to_held, to_offsets, to_unfitted = (
+        sensitivity(jacobian[:, free], derivatives)
+        for derivatives in (jacobian[:, held] * deviation, search.weighted_offsets(), search.weighted_unfitted())
     )
     covariance = np.eye(count + len(unfitted))
-    covariance[held, held] = wrong**2
-    for others, by_others in ((held, by_held * wrong), (unfitted, by_unfitted)):
-        covariance[np.ix_(free, others)] = by_others
-        covariance[np.ix_(others, free)] = by_others.T
+    covariance[held, held] = deviation**2
+    for others, cross in ((held, to_held * deviation), (unfitted, to_unfitted)):
+        covariance[np.ix_(free, others)] = cross
+        covariance[np.ix_(others, free)] = cross.T
     covariance[np.ix_(free, free)] = search.scatter_covariance() * few_profiles_factor(errors) + sum(
-        by_others @ by_others.T for by_others in (by_held, by_offsets, by_unfitted)
+        change @ change.T for change in (to_held, to_offsets, to_unfitted)
     )
     return covariance
 
@@ -121,11 +121,11 @@ def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdi
     return None
 
 
-def is_better_held(why: CalibrationVerdict, fit: Fit, held: Fit) -> bool:
-    """Return whether the fit with the lateral terms held is the better one."""
-    if why in (CalibrationVerdict.UNSTABLE, CalibrationVerdict.TOO_STEEP):
+def is_better_held(reason: CalibrationVerdict, fit: Fit, held: Fit) -> bool:
+    """Return whether the fit with the lateral terms held is the better one, given the reason for holding them."""
+    if reason in (CalibrationVerdict.UNSTABLE, CalibrationVerdict.TOO_STEEP):
         return True
-    if why is CalibrationVerdict.IMPLAUSIBLE_TURNS:
+    if reason is CalibrationVerdict.IMPLAUSIBLE_TURNS:
         return bool(np.all(_sizes_of_errors(held) <= _MIN_ERROR_RATIO * _sizes_of_errors(fit)))
     free_cost, held_cost = (fit.search.cost_of(each.search.steps) for each in (fit, held))
     return held_cost <= _MAX_COST_RATIO * free_cost and held.largest_variance < fit.largest_variance

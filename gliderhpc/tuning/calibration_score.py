@@ -89,8 +89,8 @@ def _errors(errors: SegmentErrors, steps: Array) -> Errors:
         for values, counted in zip(errors.all_errors(steps).T, errors.counted.T, strict=True)
     ]
     return Errors(
-        np.array([_root_mean_square(each) for each in sizes]),
-        np.array([_root_mean_square(each[: math.ceil(TRIMMED_FRACTION * len(each))]) for each in sizes]),
+        np.array([_root_mean_square(values) for values in sizes]),
+        np.array([_root_mean_square(values[: math.ceil(TRIMMED_FRACTION * len(values))]) for values in sizes]),
     )
 
 
@@ -117,12 +117,12 @@ def check_errors(
     CalibrationError
         An error (`Errors.trimmed`) has grown by more than chance, on the profiles fitted or on those held out.
     """
-    for name, each in (("fitted", fitted), ("held out", held_out)):
-        was, after = each.errors_before.trimmed, each.errors_after.trimmed
-        rose = (np.sqrt(np.maximum(after**2 - was**2, 0.0)) > MAX_INCREASE) & (after > CHANCE_FACTOR * was)
-        rose = rose[:quantities]
-        if rose.any():
+    for name, score_there in (("fitted", fitted), ("held out", held_out)):
+        first, after = score_there.errors_before.trimmed, score_there.errors_after.trimmed
+        grown = (np.sqrt(np.maximum(after**2 - first**2, 0.0)) > MAX_INCREASE) & (after > CHANCE_FACTOR * first)
+        grown = grown[:quantities]
+        if grown.any():
             raise CalibrationError(
-                f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(rose))]} than "
+                f"calibration: the hull that fits best has a larger error of {QUANTITIES[int(np.argmax(grown))]} than "
                 f"{before} on the profiles {name}; {REMEDY}"
             )

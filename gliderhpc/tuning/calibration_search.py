@@ -137,7 +137,7 @@ class CalibrationSearch:
     def misfit(self) -> float:
         """Negative log-likelihood of errors of unknown scales (Laplace's, robust), plus that of the prior."""
         errors = np.abs(self._errors(self.steps))
-        sizes = [(own.sum(), max(float(errors[own].mean()), least)) for own, least in self._kinds() if own.any()]
+        sizes = [(rows.sum(), max(float(errors[rows].mean()), least)) for rows, least in self._kinds() if rows.any()]
         prior = np.sum(np.sqrt(1.0 + self.steps**2) - 1.0)
         return float(sum(count * math.log(size) for count, size in sizes) + prior)
 
@@ -162,9 +162,9 @@ class CalibrationSearch:
         jacobian = jacobian[:, self.free]
         between = jackknife_covariance(jacobian, residuals, self._errors.profile)
         within = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
-        known = np.maximum(np.diag(between), np.finfo(float).tiny)
-        raised = np.sqrt(np.maximum(np.diag(within) / known, 1.0))
-        return np.asarray(between * np.outer(raised, raised))
+        variance = np.maximum(np.diag(between), np.finfo(float).tiny)
+        factor = np.sqrt(np.maximum(np.diag(within) / variance, 1.0))
+        return np.asarray(between * np.outer(factor, factor))
 
     def weighted(self) -> tuple[Array, Array]:
         """Jacobian (m, p) in all parameters, and errors (m,), divided by the scales and weighted by the robust loss."""
@@ -259,11 +259,11 @@ class CalibrationSearch:
         """Distance of the most probable value from the platform's, in standard errors."""
         jacobian = self.weighted()[0][:, self.free]
         covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1]))
-        place = int(np.count_nonzero(self.free[:index]))
-        return abs(float(self.steps[index])) / math.sqrt(float(covariance[place, place]))
+        column = int(np.count_nonzero(self.free[:index]))
+        return abs(float(self.steps[index])) / math.sqrt(float(covariance[column, column]))
 
     def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
-        """Fit the free parameters, those of each part of the errors to that part."""
+        """Fit the free parameters, separately for each part of the errors (`SegmentErrors.parts`)."""
         for rows, columns in self._errors.parts():
             chosen = np.flatnonzero(self.free & columns)
             if len(chosen):
@@ -284,14 +284,14 @@ class CalibrationSearch:
             return np.array([self._errors.flatness(at(values)) / FLATNESS])
 
         def barrier_slope(values: Array) -> Array:
-            here = barrier(values)
-            return np.array([(barrier(values + DIFFERENCE * row) - here) / DIFFERENCE for row in unit]).T
+            value = barrier(values)
+            return np.array([(barrier(values + DIFFERENCE * row) - value) / DIFFERENCE for row in unit]).T
 
         def jacobian(values: Array) -> Array:
             errors = self._errors.jacobian(at(values), chosen.tolist())[rows] / scale[:, None]
             return np.vstack([errors, prior * unit, barrier_slope(values)])
 
-        found = scipy.optimize.least_squares(
+        result = scipy.optimize.least_squares(
             residuals,
             self.steps[chosen],
             jac=jacobian,
@@ -302,17 +302,17 @@ class CalibrationSearch:
             gtol=tolerance,
             max_nfev=60,
         )
-        self.steps = at(found.x)
-        self._report(f"cost {found.cost:.1f} with {len(chosen)} free parameters, {found.nfev} evaluations")
+        self.steps = at(result.x)
+        self._report(f"cost {result.cost:.1f} with {len(chosen)} free parameters, {result.nfev} evaluations")
 
     def _scale_of_each(self) -> Array:
         return self.scales[self._errors.kind]
 
     def _rescale(self) -> None:
         errors = self._errors(self.steps)
-        for kind, (own, least) in enumerate(self._kinds()):
-            if own.any():
-                self.scales[kind] = correlated_scale(errors[own], self._errors.leg[own], least)
+        for kind, (rows, least) in enumerate(self._kinds()):
+            if rows.any():
+                self.scales[kind] = correlated_scale(errors[rows], self._errors.leg[rows], least)
 
     def _kinds(self) -> list[tuple[Mask, float]]:
         """Mask (m,) of the errors of each kind, with their smallest plausible scale."""
@@ -335,15 +335,15 @@ def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None])
         Called with a line of text for every start.
     """
     rng = np.random.default_rng(_SEED)
-    found = []
+    results = []
     for number in range(START_COUNT):
         search = CalibrationSearch(errors, free, 1.0, lambda _: None)
         drawn = np.clip(rng.standard_normal(len(free)), -START_SPREAD, START_SPREAD)
         search.steps = np.where(free, drawn, 0.0) if number else np.zeros(len(free))
         search.fit_everything(START_RESCALINGS, COARSE_TOLERANCE)
-        found.append((search.misfit(), search.steps))
-        report(f"start {number + 1} of {START_COUNT}: misfit {found[-1][0]:.1f}")
-    return min(found, key=lambda each: each[0])[1]
+        results.append((search.misfit(), search.steps))
+        report(f"start {number + 1} of {START_COUNT}: misfit {results[-1][0]:.1f}")
+    return min(results, key=lambda result: result[0])[1]
 
 
 def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> float:
@@ -356,6 +356,6 @@ def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> flo
     """
     deviation = max(MAD_TO_STD * float(np.median(np.abs(errors))), least)
     clipped = np.clip(errors, -_LARGE_RESIDUAL * deviation, _LARGE_RESIDUAL * deviation)
-    _, place = np.unique(leg, return_inverse=True)
-    inflation = float(np.sum(np.bincount(place, clipped) ** 2) / max(np.sum(clipped**2), least**2))
+    _, group = np.unique(leg, return_inverse=True)
+    inflation = float(np.sum(np.bincount(group, clipped) ** 2) / max(np.sum(clipped**2), least**2))
     return deviation * math.sqrt(max(inflation, 1.0))

@@ -247,12 +247,12 @@ class _Search:
         while (weakest := self._weakest()) is not None:
             free = self.free
             free[weakest] = False
-            without = self._maximise(self._expected_maximum(weakest, free), free)
-            if self._maximum.expansion.value - without.expansion.value > LIKELY_LOSS:
+            maximum = self._maximise(self._expected_maximum(weakest, free), free)
+            if self._maximum.expansion.value - maximum.expansion.value > LIKELY_LOSS:
                 self._verdicts[weakest] = TuningVerdict.ONE_SIDED
             else:
                 self._verdicts[weakest] = TuningVerdict.HELD
-                self._maximum = without
+                self._maximum = maximum
 
     @property
     def free(self) -> Mask:
@@ -288,10 +288,10 @@ class _Search:
     def _expected_maximum(self, held: int, free: Mask) -> Array:
         """Expected point of the maximum when one number is reset to the platform's value."""
         information = self._maximum.expansion.information
-        among = np.flatnonzero(self.free) == held
-        inner, outer = information[np.ix_(~among, ~among)], information[np.ix_(~among, among)][:, 0]
-        back = np.log(self.held[held]) - self._maximum.point[held]
-        moves = -np.linalg.solve(inner + 0.01 * np.eye(len(inner)), outer * back)
+        is_held = np.flatnonzero(self.free) == held
+        remaining, cross = information[np.ix_(~is_held, ~is_held)], information[np.ix_(~is_held, is_held)][:, 0]
+        reset = np.log(self.held[held]) - self._maximum.point[held]
+        moves = -np.linalg.solve(remaining + 0.01 * np.eye(len(remaining)), cross * reset)
         point = self._maximum.point.copy()
         point[held] = np.log(self.held[held])
         point[free] += np.clip(moves, -LONGEST_STEP, LONGEST_STEP)

@@ -106,16 +106,16 @@ def maximise(
 
 def _trials(point: Array, free: Mask, expansion: Expansion, bounds: tuple[Array, Array]) -> list[Array]:
     low, high = (bound[free] for bound in bounds)
-    here, gradient = point[free], expansion.gradient
-    stuck = ((here <= low) & (gradient < 0.0)) | ((here >= high) & (gradient > 0.0))
-    moving = np.flatnonzero(~stuck)
+    start, gradient = point[free], expansion.gradient
+    at_bound = ((start <= low) & (gradient < 0.0)) | ((start >= high) & (gradient > 0.0))
+    moving = np.flatnonzero(~at_bound)
     trials = []
     for damping in DAMPINGS if len(moving) else ():
         information = expansion.information[np.ix_(moving, moving)] + damping * np.eye(len(moving))
-        move = np.clip(np.linalg.solve(information, gradient[moving]), -LONGEST_STEP, LONGEST_STEP)
-        there = here.copy()
-        there[moving] = np.clip(here[moving] + move, low[moving], high[moving])
+        step = np.clip(np.linalg.solve(information, gradient[moving]), -LONGEST_STEP, LONGEST_STEP)
+        end = start.copy()
+        end[moving] = np.clip(start[moving] + step, low[moving], high[moving])
         trial = point.copy()
-        trial[free] = there
+        trial[free] = end
         trials.append(trial)
     return trials

@@ -101,26 +101,26 @@ class Gaussian:
         This form is stable where a dive has no information, and where it has a million times that of the prior.
         """
         root = np.linalg.cholesky(self.covariance)
-        inner = np.linalg.cholesky(np.eye(root.shape[-1]) + root.mT @ term.matrix @ root)
+        factor = np.linalg.cholesky(np.eye(root.shape[-1]) + root.mT @ term.matrix @ root)
         # The general solver is faster: on small matrices the triangular one waits for its threads.
-        half = np.linalg.solve(inner, root.mT)
-        covariance = half.mT @ half
+        posterior_root = np.linalg.solve(factor, root.mT)
+        covariance = posterior_root.mT @ posterior_root
         expected = apply(term.matrix, self.mean)
-        missing = term.vector - expected
-        gain = apply(covariance, missing)
+        innovation = term.vector - expected
+        change = apply(covariance, innovation)
         evidence = (
             term.constant
-            + np.sum((term.vector - 0.5 * expected) * self.mean + 0.5 * missing * gain, axis=-1)
-            - np.sum(np.log(np.diagonal(inner, axis1=-2, axis2=-1)), axis=-1)
+            + np.sum((term.vector - 0.5 * expected) * self.mean + 0.5 * innovation * change, axis=-1)
+            - np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
         )
-        return Gaussian(self.mean + gain, covariance), evidence
+        return Gaussian(self.mean + change, covariance), evidence
 
     def without(self, term: Information) -> "Gaussian":
         """Return the distribution without one of its dives: the inverse of `updated`."""
         covariance = np.linalg.solve(np.eye(self.mean.shape[-1]) - self.covariance @ term.matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.mT)
-        missing = term.vector - apply(term.matrix, self.mean)
-        return Gaussian(self.mean - apply(covariance, missing), covariance)
+        innovation = term.vector - apply(term.matrix, self.mean)
+        return Gaussian(self.mean - apply(covariance, innovation), covariance)
 
     def disagreement(
         self, term: Information, informed: InformedDirections | None = None
@@ -146,7 +146,7 @@ class Transition:
     variance: Array
 
     def applied(self, before: Gaussian) -> Gaussian:
-        """Distribution after the change."""
+        """Return the distribution after the transition."""
         covariance = self.decay[:, None] * before.covariance * self.decay + np.diag(self.variance)
         return Gaussian(self.decay * before.mean, covariance)
 
@@ -179,13 +179,13 @@ class Chain:
         between them times the later covariance.
         """
         first = self.smoothed[0]
-        across = np.eye(first.mean.shape[-1])
+        total_gain = np.eye(first.mean.shape[-1])
         mean, std = [np.zeros_like(first.mean)], [np.zeros_like(first.mean)]
-        for gain, here in zip(self.gains, self.smoothed[1:], strict=True):
-            across = across @ gain
-            apart = first.covariance + here.covariance - 2.0 * across @ here.covariance
-            variance = np.diagonal(apart, axis1=-2, axis2=-1)
-            mean.append(here.mean - first.mean)
+        for gain, later in zip(self.gains, self.smoothed[1:], strict=True):
+            total_gain = total_gain @ gain
+            covariance = first.covariance + later.covariance - 2.0 * total_gain @ later.covariance
+            variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+            mean.append(later.mean - first.mean)
             std.append(np.sqrt(np.maximum(variance, 0.0)))
         return np.array(mean), np.array(std)
 
@@ -206,20 +206,21 @@ def solve_chain(prior: Gaussian, changes: Sequence[Transition], terms: Sequence[
     for number, term in enumerate(terms):
         posterior = changes[number - 1].applied(posterior) if number else posterior
         predicted.append(posterior)
-        posterior, gained = posterior.updated(term)
+        posterior, term_evidence = posterior.updated(term)
         sequential.append(posterior)
-        evidence = evidence + gained
+        evidence = evidence + term_evidence
     gains = [_gain(sequential[i], predicted[i + 1], change) for i, change in enumerate(changes[: len(terms) - 1])]
     smoothed = [sequential[-1]]
     for number in range(len(terms) - 2, -1, -1):
-        smoothed.append(_smooth_one(sequential[number], predicted[number + 1], gains[number], smoothed[-1]))
+        smoothed.append(_smooth(sequential[number], predicted[number + 1], gains[number], smoothed[-1]))
     return Chain(tuple(sequential), tuple(reversed(smoothed)), evidence, tuple(gains))
 
 
-def _gain(here: Gaussian, predicted: Gaussian, change: Transition) -> Array:
-    return np.asarray(np.linalg.solve(predicted.covariance, change.decay[:, None] * here.covariance).mT)
+def _gain(filtered: Gaussian, predicted: Gaussian, change: Transition) -> Array:
+    return np.asarray(np.linalg.solve(predicted.covariance, change.decay[:, None] * filtered.covariance).mT)
 
 
-def _smooth_one(here: Gaussian, predicted: Gaussian, gain: Array, after: Gaussian) -> Gaussian:
-    covariance = here.covariance + gain @ (after.covariance - predicted.covariance) @ gain.mT
-    return Gaussian(here.mean + apply(gain, after.mean - predicted.mean), 0.5 * (covariance + covariance.mT))
+def _smooth(filtered: Gaussian, predicted: Gaussian, gain: Array, smoothed_next: Gaussian) -> Gaussian:
+    covariance = filtered.covariance + gain @ (smoothed_next.covariance - predicted.covariance) @ gain.mT
+    mean = filtered.mean + apply(gain, smoothed_next.mean - predicted.mean)
+    return Gaussian(mean, 0.5 * (covariance + covariance.mT))

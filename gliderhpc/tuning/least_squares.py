@@ -49,8 +49,8 @@ def jackknife_covariance(jacobian: Array, residuals: Array, cluster: NDArray[np.
     ``C = (G-1)/G sum_g d_g d_g^T``, where ``d_g = (J^T J - J_g^T J_g)^-1 J_g^T r_g`` is the move of the estimate when
     cluster g is left out. It is conservative where clusters are few.
     """
-    rows = [cluster == number for number in np.unique(cluster)]
-    parts = [(jacobian[own].T @ jacobian[own], jacobian[own].T @ residuals[own]) for own in rows]
+    clusters = [cluster == number for number in np.unique(cluster)]
+    parts = [(jacobian[rows].T @ jacobian[rows], jacobian[rows].T @ residuals[rows]) for rows in clusters]
     return _scatter_of_moves(jacobian.T @ jacobian, parts)
 
 
@@ -65,7 +65,7 @@ def _scatter_of_moves(normal: Array, parts: Sequence[tuple[Array, Array]]) -> Ar
         Terms of each part in this matrix and in the right-hand side.
     """
     # Pseudo-inverse: directions that one part alone determines cannot be judged by leaving it out.
-    moves = np.array([solve_normal_equations(normal - own, score) for own, score in parts])
+    moves = np.array([solve_normal_equations(normal - matrix, score) for matrix, score in parts])
     return np.asarray((len(moves) - 1) / len(moves) * moves.T @ moves)
 
 
@@ -120,8 +120,8 @@ def left_out_covariance(
     """
     weighted = design * weights[:, None]
     normal = stiffness * weighted.T @ design + np.diag(prior)
-    rows = [profile == number for number in np.unique(profile)]
-    parts = [(stiffness * weighted[own].T @ design[own], weighted[own].T @ residuals[own]) for own in rows]
+    profiles = [profile == number for number in np.unique(profile)]
+    parts = [(stiffness * weighted[rows].T @ design[rows], weighted[rows].T @ residuals[rows]) for rows in profiles]
     scatter = _scatter_of_moves(normal, parts)
     inverse = np.linalg.pinv(normal, hermitian=True)
     return np.asarray(scatter + inverse @ np.diag(prior) @ inverse)

@@ -154,12 +154,12 @@ class PriorLikelihood:
 
     def evaluate(self, priors: Sequence[DisturbancePrior]) -> list[PriorEvaluation]:
         """Evaluate several priors together."""
-        found = {
+        evaluations = {
             (candidate, profile): self._profiles[profile].evaluate(estimate, self._gate)
             for profile, candidate, estimate in self._trials.run(priors)
         }
         return [
-            _join_evaluations([found[candidate, profile] for profile in range(len(self._profiles))])
+            _join_evaluations([evaluations[candidate, profile] for profile in range(len(self._profiles))])
             for candidate in range(len(priors))
         ]
 
@@ -286,16 +286,16 @@ def whiteness(normalised: Sequence[Array], lags: int) -> Whiteness:
     ``Q = n (n + 2) sum over lags of r^2 / (number of pairs)`` is chi-squared with k degrees of freedom for white noise
     (Ljung and Box 1978).
     """
-    known = np.concatenate([part[np.isfinite(part)] for part in normalised])
-    # Constant innovations, as of a sensor that never leaves one unit of its resolution, cannot be tested.
+    known = np.concatenate([values[np.isfinite(values)] for values in normalised])
+    # Constant innovations, as of a sensor that never changes by more than its resolution, cannot be tested.
     if len(known) <= lags or not known.var() > 0.0:
         return Whiteness(len(known), np.nan, np.nan, np.full(lags, np.nan), np.nan, np.nan)
     mean, variance = float(known.mean()), float(known.var())
     correlation, pairs = np.zeros(lags), np.zeros(lags)
     for lag in range(1, lags + 1):
-        products = np.concatenate([(part[lag:] - mean) * (part[:-lag] - mean) for part in normalised])
-        together = np.isfinite(products)
-        pairs[lag - 1] = max(together.sum(), 1)
-        correlation[lag - 1] = products[together].sum() / (len(known) * variance)
+        products = np.concatenate([(values[lag:] - mean) * (values[:-lag] - mean) for values in normalised])
+        has_pair = np.isfinite(products)
+        pairs[lag - 1] = max(has_pair.sum(), 1)
+        correlation[lag - 1] = products[has_pair].sum() / (len(known) * variance)
     statistic = len(known) * (len(known) + 2.0) * float(np.sum(correlation**2 / pairs))
     return Whiteness(len(known), mean, variance, correlation, statistic / lags, chi_square_tail(statistic, lags))

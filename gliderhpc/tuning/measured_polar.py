@@ -78,11 +78,11 @@ def measured_polar(hull: Platform, segments: SteadySegments, velocity_error: flo
     if too_few or len(np.unique(chosen.profile)) < MIN_PROFILES:
         return None
     matrix, right, profile = _equations(hull, chosen)
-    found, *_ = np.linalg.lstsq(matrix, right)
-    drag, lift = float(found[0]), float(found[1])
+    solution, *_ = np.linalg.lstsq(matrix, right)
+    drag, lift = float(solution[0]), float(solution[1])
     if min(drag, lift) <= 0.0:
         return None
-    scatter = np.sqrt(np.diag(jackknife_covariance(matrix, matrix @ found - right, profile)))
+    scatter = np.sqrt(np.diag(jackknife_covariance(matrix, matrix @ solution - right, profile)))
     relative = velocity_error / float(np.median(chosen.velocity[:, 0]))
     return MeasuredPolar(
         drag,
@@ -106,15 +106,15 @@ def _equations(hull: Platform, segments: SteadySegments) -> tuple[Array, Array, 
     forward, _, normal = segments.velocity.T
     square, alpha = forward**2 + normal**2, np.arctan2(normal, forward)
     drag, lift = drag_and_lift(hull, alpha)
-    without, slope = hull.viscous.K_L0, hull.viscous.K_L
+    lift_offset, lift_slope = hull.viscous.K_L0, hull.viscous.K_L
     along, across = -np.sin(segments.pitch - alpha), np.cos(segments.pitch - alpha)
-    none = np.zeros_like(along)
-    by_drag = np.column_stack([square * drag, none, -along, none])
-    by_lift = np.column_stack([none, square * (lift - without), -across, -square * slope / forward])
-    right = np.column_stack([weight * along, weight * across - square * without])
-    legs, place = np.unique(np.column_stack([segments.profile, segments.depth_rate > 0.0]), axis=0, return_inverse=True)
-    means = np.equal.outer(np.arange(len(legs)), place.ravel()) / np.bincount(place.ravel())[:, None]
-    matrix = np.vstack([means @ by_drag, means @ by_lift])
+    zero = np.zeros_like(along)
+    drag_rows = np.column_stack([square * drag, zero, -along, zero])
+    lift_rows = np.column_stack([zero, square * (lift - lift_offset), -across, -square * lift_slope / forward])
+    right = np.column_stack([weight * along, weight * across - square * lift_offset])
+    legs, index = np.unique(np.column_stack([segments.profile, segments.depth_rate > 0.0]), axis=0, return_inverse=True)
+    means = np.equal.outer(np.arange(len(legs)), index.ravel()) / np.bincount(index.ravel())[:, None]
+    matrix = np.vstack([means @ drag_rows, means @ lift_rows])
     return matrix, (means @ right).T.ravel(), np.concatenate([legs[:, 0], legs[:, 0]])
 
 
@@ -151,34 +151,40 @@ def with_measured_polar(
     """
     if not np.isfinite(segments.velocity[:, 0]).any():
         return platform
-    found = measured_polar(hull, segments, velocity_error)
-    if found is None:
+    polar = measured_polar(hull, segments, velocity_error)
+    if polar is None:
         report(
             "drag and lift are not computed from the measured velocity: that needs its forward and normal component in "
             f"{MIN_SEGMENTS} segments of straight flight on dives, as many on climbs, and {MIN_PROFILES} profiles"
         )
         return platform
     report(
-        f"measured velocity: drag {found.drag:.3f} +- {found.drag_error:.3f} times, lift {found.lift:.3f} +- "
-        f"{found.lift_error:.3f} times that of the hull with the records' buoyancy"
+        f"measured velocity: drag {polar.drag:.3f} +- {polar.drag_error:.3f} times, lift {polar.lift:.3f} +- "
+        f"{polar.lift_error:.3f} times that of the hull with the records' buoyancy"
     )
-    viscous, known = hull.viscous, {p.key: p for p in hull_parameters(platform)}
-    square = float(np.nanmedian(np.arctan2(segments.velocity[:, 2], segments.velocity[:, 0]) ** 2))
-    drag = found.drag * (viscous.K_D0 + viscous.K_D * square) - platform.viscous.K_D * square
-    induced = known["viscous.K_D"].slope(platform, 0.0) * square if "viscous.K_D" in known else 0.0
+    parameters = {p.key: p for p in hull_parameters(platform)}
     values, deviations = {}, {}
-    for key, value, error in (
-        ("viscous.K_D0", drag, math.hypot(found.drag_error, induced / drag) if drag > 0.0 else math.inf),
-        ("viscous.K_L", found.lift * viscous.K_L, found.lift_error),
-    ):
-        if key in held or key not in known or not value > 0.0:
+    for key, value, error in _measured_coefficients(platform, hull, segments, polar):
+        if key in held or key not in parameters or not value > 0.0:
             continue
-        values[key], deviations[key] = _average_with_platform(known[key], platform, value, error)
+        values[key], deviations[key] = _average_with_platform(parameters[key], platform, value, error)
     if not values:
         return platform
     uncertainty = platform.uncertainty or Uncertainty()
     narrowed = uncertainty.model_copy(update={"deviation": {**uncertainty.deviation, **deviations}})
     return with_values(platform, values).model_copy(update={"uncertainty": narrowed})
+
+
+def _measured_coefficients(
+    platform: Platform, hull: Platform, segments: SteadySegments, polar: MeasuredPolar
+) -> tuple[tuple[str, float, float], ...]:
+    """Return key, value and relative error of the coefficients of drag and lift by a measured polar."""
+    viscous, parameters = hull.viscous, {p.key: p for p in hull_parameters(platform)}
+    square = float(np.nanmedian(np.arctan2(segments.velocity[:, 2], segments.velocity[:, 0]) ** 2))
+    drag = polar.drag * (viscous.K_D0 + viscous.K_D * square) - platform.viscous.K_D * square
+    induced = parameters["viscous.K_D"].slope(platform, 0.0) * square if "viscous.K_D" in parameters else 0.0
+    drag_error = math.hypot(polar.drag_error, induced / drag) if drag > 0.0 else math.inf
+    return ("viscous.K_D0", drag, drag_error), ("viscous.K_L", polar.lift * viscous.K_L, polar.lift_error)
 
 
 def _average_with_platform(

@@ -154,19 +154,19 @@ class MissionHull:
     @property
     def eta(self) -> Array:
         """Mean (n, p) at every dive, given all dives."""
-        return np.array([each.mean for each in self.smoothed])
+        return np.array([distribution.mean for distribution in self.smoothed])
 
     @property
     def std(self) -> Array:
         """Standard deviation (n, p) at every dive, given all dives."""
-        return np.array([each.std for each in self.smoothed])
+        return np.array([distribution.std for distribution in self.smoothed])
 
     @property
     def overall(self) -> Gaussian:
         """Distribution of ``eta`` over all dives: mean and covariance, including the random walk."""
-        apart = self.eta - self.eta.mean(axis=0)
-        covariance = np.mean([each.covariance for each in self.smoothed], axis=0) + apart.T @ apart / len(apart)
-        return Gaussian(self.eta.mean(axis=0), covariance)
+        departures = self.eta - self.eta.mean(axis=0)
+        within = np.mean([distribution.covariance for distribution in self.smoothed], axis=0)
+        return Gaussian(self.eta.mean(axis=0), within + departures.T @ departures / len(departures))
 
     def directions(self) -> tuple[Array, Array]:
         """Deviations (p,) relative to the prior's, and their directions (p, p) in rows, the best determined first.
@@ -240,7 +240,7 @@ def solve_mission(
 
 
 def _widen_by_assumptions(
-    prior: HullPrior, times: NDArray[np.datetime64], found: Sequence[Gaussian], others: Sequence[Gaussian]
+    prior: HullPrior, times: NDArray[np.datetime64], posterior: Sequence[Gaussian], others: Sequence[Gaussian]
 ) -> tuple[Gaussian, ...]:
     """Distributions of the errors at every dive, including the uncertainty from the assumed noise.
 
@@ -248,17 +248,17 @@ def _widen_by_assumptions(
     """
     count = len(prior.walk)
     days = (times - times[0]) / SECOND / _SECONDS_PER_DAY
-    grown = prior.walk**2 * days[:, None] + [_jump_variances(prior, position) for position in range(len(days))]
-    before = Gaussian(prior.eta.mean, prior.eta.covariance + grown[:, None] * np.eye(count))
-    after = Gaussian.stacked(found).part(count)
-    moved = np.stack([each.mean[:, :count] for each in others]) - after.mean[:, None]
+    added = prior.walk**2 * days[:, None] + [_jump_variances(prior, position) for position in range(len(days))]
+    before = Gaussian(prior.eta.mean, prior.eta.covariance + added[:, None] * np.eye(count))
+    after = Gaussian.stacked(posterior).part(count)
+    moved = np.stack([other.mean[:, :count] for other in others]) - after.mean[:, None]
     return widen_by_disagreement(before, after, moved).unstacked()
 
 
 def _jump_variances(prior: HullPrior, position: int) -> Array:
     """Variances ``(p,)`` of the abrupt changes up to a dive."""
-    before = [variance for first, variance in prior.jumps.items() if first <= position]
-    return np.asarray(np.sum(before, axis=0)) if before else np.zeros(len(prior.walk))
+    variances = [variance for first, variance in prior.jumps.items() if first <= position]
+    return np.asarray(np.sum(variances, axis=0)) if variances else np.zeros(len(prior.walk))
 
 
 def widen_by_disagreement(before: Gaussian, after: Gaussian, moved: Array) -> Gaussian:
@@ -287,13 +287,13 @@ def widen_by_disagreement(before: Gaussian, after: Gaussian, moved: Array) -> Ga
     precision, inverse = (np.asarray(np.linalg.inv(each.covariance)) for each in (after, before))
     matrix = precision - inverse
     vector = apply(precision, after.mean) - apply(inverse, before.mean)
-    doubt = precision @ moved.mT
+    U = precision @ moved.mT
     # Where the dives have no information, L is singular; a small part of the prior's information makes it regular.
-    apart = np.asarray(np.linalg.solve(matrix + _UNINFORMED * inverse, doubt))
-    right = np.concatenate([doubt.mT, apart.mT @ vector[..., None]], axis=-1)
-    gain = np.asarray(np.linalg.solve(np.eye(moved.shape[-2]) + doubt.mT @ apart, right))
-    left, vector = matrix - doubt @ gain[..., :-1], vector - apply(doubt, gain[..., -1])
-    mean = np.linalg.solve(inverse + left, (vector + apply(inverse, before.mean))[..., None])
+    solved = np.asarray(np.linalg.solve(matrix + _UNINFORMED * inverse, U))
+    right = np.concatenate([U.mT, solved.mT @ vector[..., None]], axis=-1)
+    gain = np.asarray(np.linalg.solve(np.eye(moved.shape[-2]) + U.mT @ solved, right))
+    reduced, vector = matrix - U @ gain[..., :-1], vector - apply(U, gain[..., -1])
+    mean = np.linalg.solve(inverse + reduced, (vector + apply(inverse, before.mean))[..., None])
     return Gaussian(np.asarray(mean[..., 0]), after.covariance + moved.mT @ moved)
 
 
@@ -325,9 +325,9 @@ def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
 
 def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array] | None = None) -> list[Transition]:
     """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day and jumps."""
-    still, nothing, jumps = np.ones(len(walk)), np.zeros(len(walk)), jumps or {}
+    no_decay, no_jump, jumps = np.ones(len(walk)), np.zeros(len(walk)), jumps or {}
     return [
-        Transition(still, walk**2 * time / _SECONDS_PER_DAY + jumps.get(position, nothing))
+        Transition(no_decay, walk**2 * time / _SECONDS_PER_DAY + jumps.get(position, no_jump))
         for position, time in enumerate(_seconds_between(dives).tolist(), 1)
     ]
 

@@ -87,8 +87,8 @@ def inflation_ratios(parameters: Sequence[HullParameter], dives: int, settings: 
     among the terms of sway, roll, yaw and the actuators' lag.
     """
     turning = np.isin([parameter.key for parameter in parameters], TURNING_MOTION)
-    among = np.outer(turning, turning)
-    return np.asarray(1.0 + dives * (settings.misfit + settings.turning_misfit * among))
+    both_turning = np.outer(turning, turning)
+    return np.asarray(1.0 + dives * (settings.misfit + settings.turning_misfit * both_turning))
 
 
 def with_inflated_variance(score: Array, information: Array, ratios: Array) -> tuple[Array, Array]:
@@ -107,5 +107,5 @@ def with_inflated_variance(score: Array, information: Array, ratios: Array) -> t
     variance ``V`` gives ``I V^-1 g`` and ``I V^-1 I``. For one ratio ``d`` these are ``g / d`` and ``I / d``.
     """
     gain = information @ np.linalg.pinv(information * ratios, rcond=_SINGULAR, hermitian=True)
-    left = gain @ information
-    return np.asarray(gain @ score), np.asarray(0.5 * (left + left.T))
+    reduced = gain @ information
+    return np.asarray(gain @ score), np.asarray(0.5 * (reduced + reduced.T))

@@ -64,12 +64,12 @@ def keys_of(names: Sequence[str], parameters: Sequence[HullParameter]) -> list[s
     """
     keys = []
     for name in names:
-        found = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
-        if not found:
+        matches = [p.key for p in parameters if name in (p.key, p.key.partition(".")[2])]
+        if not matches:
             raise InputError(
                 f"`calibration.hold`: no parameter {name}; the parameters are {', '.join(p.key for p in parameters)}"
             )
-        keys += found
+        keys += matches
     return keys
 
 
@@ -101,8 +101,8 @@ class SegmentErrors:
     ) -> None:
         self.separate_turns = separate_turns
         self.platform, self.parameters, self.segments = platform, tuple(parameters), segments
-        # A Jacobian and the slope of the flatness use the same hulls.
-        self._hull_of = lru_cache(maxsize=4 * len(self.parameters) + 1)(self._made_hull)
+        # Cached, since a Jacobian and the slope of the flatness use the same hulls.
+        self._hull_of = lru_cache(maxsize=4 * len(self.parameters) + 1)(self._displaced_hull)
         self.reference = middle_of(segments.time) if reference is None else reference
         self._seawater = segments.seawater if fits_density(platform, segments) else None
         self._days = (segments.time - self.reference) / _DAY
@@ -127,7 +127,7 @@ class SegmentErrors:
     def _balances(self, moves: Sequence[Array], velocity: Array | None = None) -> Iterator[SteadyBalance]:
         """Yield the balance of the hull with each of several steps."""
         hulls = zip((self.hull(steps) for steps in moves), moves, strict=True)
-        for sensors, group in groupby(hulls, key=lambda each: each[0].sensors):
+        for sensors, group in groupby(hulls, key=lambda hull_and_steps: hull_and_steps[0].sensors):
             with_steps = [(Glider(hull), steps) for hull, steps in group]
             gliders = [glider for glider, _ in with_steps]
             bodies = [glider.bodies(self._controls(glider.platform, steps)) for glider, steps in with_steps]
@@ -143,7 +143,7 @@ class SegmentErrors:
         """Hull with some steps; parameters that have not moved have exactly the platform's values."""
         return self._hull_of(tuple(steps.tolist()))
 
-    def _made_hull(self, steps: tuple[float, ...]) -> Platform:
+    def _displaced_hull(self, steps: tuple[float, ...]) -> Platform:
         moves = zip(self.parameters, steps, strict=True)
         return with_values(
             self.platform, {p.key: p.moved(self.platform, s) for p, s in moves if p is not TREND and s != 0.0}
@@ -173,10 +173,10 @@ class SegmentErrors:
         """
         moves, velocity = DIFFERENCE * np.eye(len(self.parameters)), self._balance(steps).velocity
         balances = self._balances([steps, *(steps + moves[i] for i in columns)], velocity)
-        here, *moved = (np.asarray(balance.errors[self.counted]) for balance in balances)
-        slopes = np.column_stack([(errors - here) / DIFFERENCE for errors in moved])
-        together = np.any([rows[:, None] & parameters[list(columns)] for rows, parameters in self.parts()], axis=0)
-        return np.where(together, slopes, 0.0)
+        undisplaced, *displaced = (np.asarray(balance.errors[self.counted]) for balance in balances)
+        slopes = np.column_stack([(errors - undisplaced) / DIFFERENCE for errors in displaced])
+        same_part = np.any([rows[:, None] & parameters[list(columns)] for rows, parameters in self.parts()], axis=0)
+        return np.where(same_part, slopes, 0.0)
 
     def flatness(self, steps: Array, margin: float = FLATTEST_MARGIN) -> float:
         """Excess (rad) of a hull's flattest pitch, times a margin, over the flattest measured pitch; at least zero.
@@ -209,9 +209,9 @@ class SegmentErrors:
 
     def by_unfitted(self, steps: Array) -> Array:
         """Derivatives (m, r) of the errors used, with respect to the errors that are not fitted."""
-        both = SegmentErrors(self.platform, (*self.parameters, *self.unfitted), self.segments, self.reference)
-        count, others = len(self.parameters), len(self.unfitted)
-        return both.jacobian(np.concatenate([steps, np.zeros(others)]), range(count, count + others))
+        extended = SegmentErrors(self.platform, (*self.parameters, *self.unfitted), self.segments, self.reference)
+        count, unfitted = len(self.parameters), len(self.unfitted)
+        return extended.jacobian(np.concatenate([steps, np.zeros(unfitted)]), range(count, count + unfitted))
 
 
 def _with_sensors(segments: SteadySegments, before: Sensors, after: Sensors) -> SteadySegments:
@@ -290,19 +290,19 @@ def choose_buoyancy(
             "`seawater=depth_slope`"
         )
     profiles = len(np.unique(segments.profile[known]))
-    enough = profiles >= MIN_PROFILES and known.mean() >= MIN_SHARE
-    if choice == "density" or (choice == "auto" and enough):
+    is_enough = profiles >= MIN_PROFILES and known.mean() >= MIN_SHARE
+    if choice == "density" or (choice == "auto" and is_enough):
         for number in np.unique(segments.profile[~known]):
-            why = _without_seawater(segments.select(segments.profile == number))
-            report(f"profile {number} is left out: the density of its water is not known" + (why and f" ({why})"))
+            reason = _without_seawater(segments.select(segments.profile == number))
+            report(f"profile {number} is left out: the density of its water is not known" + _in_brackets(reason))
         usable = segments.select(known)
         return _in_its_water(platform, usable, report), usable, held_out.select(held_out.in_known_water)
     if choice == "auto":
         share = f"only {known.mean():.0%} of the steady flight, in {counted(profiles, 'profile')}, has"
-        why = _without_seawater(segments.select(~known))
+        reason = _without_seawater(segments.select(~known))
         report(
             f"buoyancy from the depth slope: {share if known.any() else 'no steady flight has'} a known density"
-            + (why and f" ({why})")
+            + _in_brackets(reason)
         )
     if platform.buoyancy.compressibility is not None:
         platform = with_values(platform, {"buoyancy.compressibility": None})
@@ -330,6 +330,10 @@ def _without_seawater(segments: SteadySegments) -> str:
     numbers, first = np.unique(segments.profile, return_index=True)
     reasons = [str(reason) for reason in segments.without_seawater[first] if reason]
     return most_frequent_reason(reasons) if len(numbers) and reasons else ""
+
+
+def _in_brackets(reason: str) -> str:
+    return f" ({reason})" if reason else ""
 
 
 def _in_unknown_water(segments: SteadySegments) -> SteadySegments:

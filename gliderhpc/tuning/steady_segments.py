@@ -116,10 +116,10 @@ class SteadySegments:
         """Return the segments whose middle is within so many seconds of one of the other's, in the same profile."""
         shared = np.zeros(len(self), dtype=bool)
         for number in np.intersect1d(self.profile, other.profile).tolist():
-            own, others = self.profile == number, np.sort(other.time[other.profile == number])
-            time = self.time[own]
-            apart = np.abs(time - others[nearest_rows(others, time)]) / SECOND
-            shared[own] = apart <= seconds
+            rows, other_times = self.profile == number, np.sort(other.time[other.profile == number])
+            times = self.time[rows]
+            distance = np.abs(times - other_times[nearest_rows(other_times, times)]) / SECOND
+            shared[rows] = distance <= seconds
         return self.select(shared)
 
 
@@ -152,30 +152,30 @@ def steady_segments(
     InputError
         No profile has a steady segment.
     """
-    found, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
-    if allow_flatter and (missing := _phases_without(found)):
+    segments, reasons = _segments_of_all(observations, platform, numbers, settings, steady)
+    if allow_flatter and (missing := _phases_without(segments)):
         parameters = [p for p in hull_parameters(platform) if p.key in _FLATTER]
         hull = moved_platform(platform, parameters, np.array([_FLATTER[p.key] for p in parameters]))
         flatter, other_reasons = _segments_of_all(observations, hull, numbers, settings, steady)
         if len(_phases_without(flatter)) < len(missing):
-            found, reasons = flatter, other_reasons
-            where = "" if len(missing) > 1 else f" on {missing[0]}"
+            segments, reasons = flatter, other_reasons
+            phase = "" if len(missing) > 1 else f" on {missing[0]}"
             log.warning(
-                "%s finds no steady flight%s; segments are selected with more lift and less drag", platform.name, where
+                "%s finds no steady flight%s; segments are selected with more lift and less drag", platform.name, phase
             )
     for number, reason in reasons.items():
         log.warning("profile %d is left out: %s", number, reason)
-    if allow_flatter and found and (missing := _phases_without(found)):
+    if allow_flatter and segments and (missing := _phases_without(segments)):
         log.warning("no steady flight on %s: a hull fitted to the rest may be far off there", missing[0])
-    if not found:
+    if not segments:
         reason = most_frequent_reason(reasons.values() or ["no profile was selected"])
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")
-    return join_segments(found)
+    return join_segments(segments)
 
 
-def _phases_without(found: Sequence[SteadySegments]) -> tuple[str, ...]:
-    """Name the phases of flight without any segment."""
-    rates = np.concatenate([np.zeros(0), *(part.depth_rate for part in found)])
+def _phases_without(segments: Sequence[SteadySegments]) -> tuple[str, ...]:
+    """Return the names of the phases of flight without any segment."""
+    rates = np.concatenate([np.zeros(0), *(each.depth_rate for each in segments)])
     return tuple(name for name, sign in (("dives", 1.0), ("climbs", -1.0)) if not (sign * rates > 0.0).any())
 
 
@@ -187,13 +187,13 @@ def _segments_of_all(
     steady: SegmentSettings,
 ) -> tuple[list[SteadySegments], dict[int, str]]:
     """Return the segments of every profile that has some, and the reason by number for every other."""
-    found, reasons = [], {}
+    segments, reasons = [], {}
     for number in numbers:
         try:
-            found.append(segments_of(on_steps(observations.profile(number), settings, platform), platform, steady))
+            segments.append(segments_of(on_steps(observations.profile(number), settings, platform), platform, steady))
         except ProfileError as error:
             reasons[number] = str(error)
-    return found, reasons
+    return segments, reasons
 
 
 _FLATTER = {"viscous.K_L": 2.0, "viscous.K_D": -2.0, "viscous.K_D0": -2.0}
@@ -226,11 +226,11 @@ def segments_of(series: ProfileSeries, platform: Platform, steady: SegmentSettin
     if not bounds:
         raise ProfileError(f"profile {series.number}: no undisturbed stretch of at least {steady.shortest:g} s")
     velocity = measured_velocity(platform, series, ~vibrating)
-    found = _average(series, bounds, steady, velocity)
-    steady_mask = _steady(series, bounds, found, platform, steady)
-    if not steady_mask.any():
-        raise ProfileError(f"profile {series.number}: none of {counted(len(found), 'segment')} is in steady flight")
-    return found.select(steady_mask)
+    segments = _average(series, bounds, steady, velocity)
+    is_steady = _is_steady(series, bounds, segments, platform, steady)
+    if not is_steady.any():
+        raise ProfileError(f"profile {series.number}: none of {counted(len(segments), 'segment')} is in steady flight")
+    return segments.select(is_steady)
 
 
 def _settled_mask(calm: Mask, series: ProfileSeries, settling: float) -> Mask:
@@ -297,10 +297,10 @@ def _slope(values: Array, step: float) -> Array:
     return np.asarray(lever @ values / (step * np.sum(lever**2)))
 
 
-def _steady(
+def _is_steady(
     series: ProfileSeries,
     bounds: list[tuple[int, int]],
-    found: SteadySegments,
+    segments: SteadySegments,
     platform: Platform,
     steady: SegmentSettings,
 ) -> Mask:
@@ -311,16 +311,16 @@ def _steady(
         ]
     )
     lengths = np.array([(b - a) * series.step for a, b in bounds])
-    turned = np.abs(halves[:, :, 0]).max(axis=1) * lengths / _HALVES
-    quickened = np.abs(np.diff(halves[:, :, 1], axis=1))[:, 0]
-    diving = found.depth_rate > 0.0
-    least = np.where(diving, *(least_glide_angle(platform, heavy=heavy) for heavy in (True, False)))
-    downward = np.where(diving, -1.0, 1.0) * found.pitch
-    path = np.abs(found.pitch - angle_of_attack(platform, found.pitch))
+    pitch_change = np.abs(halves[:, :, 0]).max(axis=1) * lengths / _HALVES
+    rate_change = np.abs(np.diff(halves[:, :, 1], axis=1))[:, 0]
+    diving = segments.depth_rate > 0.0
+    least_angle = np.where(diving, *(least_glide_angle(platform, heavy=heavy) for heavy in (True, False)))
+    pitch_towards_path = np.where(diving, -1.0, 1.0) * segments.pitch
+    path = np.abs(segments.pitch - angle_of_attack(platform, segments.pitch))
     return np.asarray(
-        (np.abs(found.depth_rate) > steady.least_depth_rate)
-        & (turned < np.radians(steady.pitch_change))
-        & (quickened < steady.rate_change * np.abs(found.depth_rate))
-        & (downward > np.radians(steady.least_pitch))
-        & (path > steady.steepness * least)
+        (np.abs(segments.depth_rate) > steady.least_depth_rate)
+        & (pitch_change < np.radians(steady.pitch_change))
+        & (rate_change < steady.rate_change * np.abs(segments.depth_rate))
+        & (pitch_towards_path > np.radians(steady.least_pitch))
+        & (path > steady.steepness * least_angle)
     )

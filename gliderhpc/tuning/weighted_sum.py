@@ -73,8 +73,8 @@ class WeightedSum:
         total = self
         for _ in range(_ROUNDS):
             inflated = total._with_inflation(np.maximum(least, total.inflation * _excess(*total.disagreements)))
-            before, total = total, inflated._with_weight(_weights(*inflated.disagreements))
-            if total is before:
+            previous, total = total, inflated._with_weight(_weights(*inflated.disagreements))
+            if total is previous:
                 break
         return total
 
@@ -99,17 +99,17 @@ class WeightedSum:
     @cached_property
     def disagreements(self) -> tuple[Array, NDArray[np.int64]]:
         """Chi-square and degrees of freedom of every dive, with full weight, relative to the rest."""
-        whole, share = self.problem.stacked, 1.0 / self.inflation[..., None]
-        rest = Gaussian.stacked(self.chain.smoothed).without(whole.weighted(self.part))
-        return rest.disagreement(whole.weighted(share), self.problem.informed.weighted(share))
+        information, full_weight = self.problem.stacked, 1.0 / self.inflation[..., None]
+        others = Gaussian.stacked(self.chain.smoothed).without(information.weighted(self.part))
+        return others.disagreement(information.weighted(full_weight), self.problem.informed.weighted(full_weight))
 
 
 def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> Array:
     """Median over the dives of chi-square over the median of its distribution; one if no dive has information."""
     informative = freedom > 0
     ratio = chi_square / chi_square_quantile(0.5, np.maximum(freedom, 1))
-    none = ~informative.any(axis=-1, keepdims=True)
-    return np.asarray(np.nanmedian(np.where(informative, ratio, np.where(none, 1.0, np.nan)), axis=-1))
+    uninformed = ~informative.any(axis=-1, keepdims=True)
+    return np.asarray(np.nanmedian(np.where(informative, ratio, np.where(uninformed, 1.0, np.nan)), axis=-1))
 
 
 def _weights(chi_square: Array, freedom: NDArray[np.int64]) -> Array:

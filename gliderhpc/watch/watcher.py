@@ -45,7 +45,7 @@ from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema import is_archive, read_profiles
 from gliderhpc.store_schema.commits import is_begun
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.store_schema.rows import read_attributes
 from gliderhpc.version import __version__
 from gliderhpc.watch.records import OBSERVATIONS, FileImport, is_candidate, truncated_missions
@@ -95,7 +95,7 @@ class WatchInputs:
     importing: FileImport
     platform: Platform
     settings: MissionSettings
-    store: Place
+    store: Location
     out: Path
     workers: int | None = None
     plan: Path | None = None
@@ -376,7 +376,7 @@ class Watch:
             return None
 
 
-def continues_archive(store: Place, numbers: Iterable[int]) -> bool:
+def continues_archive(store: Location, numbers: Iterable[int]) -> bool:
     """Return whether profiles continue those of an archive; true if there is no archive yet.
 
     Raises
@@ -393,7 +393,7 @@ def continues_archive(store: Place, numbers: Iterable[int]) -> bool:
     return after[: len(before)] == before
 
 
-def _has_archive(store: Place) -> bool:
+def _has_archive(store: Location) -> bool:
     return is_begun(store) and is_archive(store)
 
 
@@ -467,7 +467,9 @@ class WatchWorkers:
         self._contexts.close()
 
 
-def count_waiting(store: Place, numbers: Sequence[int], new: int, platform: Platform, settings: MissionSettings) -> int:
+def count_waiting(
+    store: Location, numbers: Sequence[int], new: int, platform: Platform, settings: MissionSettings
+) -> int:
     """Count the dives that will be inverted: the new ones, or all if hull, settings or program have changed."""
     if not _has_archive(store):
         return len(numbers)

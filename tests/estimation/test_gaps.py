@@ -11,7 +11,7 @@ from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import load_scenario, simulate_profile
@@ -29,7 +29,7 @@ def prepared(record):
 
 def smoothed(record):
     profile = prepared(record)
-    return smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS)
+    return run_smoother(profile, run_filter(profile, SETTINGS), SETTINGS)
 
 
 def about_the_turn(record, within):
@@ -107,7 +107,7 @@ def test_a_move_of_an_actuator_in_a_gap_of_its_record_may_be_anywhere_in_it(seed
         for field in fields(record) if np.shape(getattr(record, field.name)) == kept.shape
     }  # fmt: skip
     profile = prepared(replace(record, **columns))
-    found, time = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS), profile.series.time
+    found, time = run_smoother(profile, run_filter(profile, SETTINGS), SETTINGS), profile.series.time
     steady = ~profile.vibrating & (time > 60.0) & (time < truth.time[-1])
     error = found.states[:, 6] - np.interp(time, truth.time, truth.states[:, 6])
     assert np.sqrt(np.mean(error[steady] ** 2)) < 0.006

@@ -15,7 +15,7 @@ from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, InformedDirections, stated_errors
 from gliderhpc.estimation.smoother.information import (
-    DiveInformation,
+    HullInformation,
     moved,
     sensitivity_sweeps,
     sum_information,
@@ -24,7 +24,7 @@ from gliderhpc.estimation.smoother.information import (
 )
 from gliderhpc.estimation.smoother.iterate import iterate_passes
 from gliderhpc.estimation.smoother.local_noise import dispersion, other_assumptions, with_local_noise
-from gliderhpc.estimation.smoother.posterior import after_dive, with_hull_errors
+from gliderhpc.estimation.smoother.posterior import posterior_errors, with_hull_errors
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import (
@@ -48,7 +48,7 @@ STEPS = 600
 def flown():
     """Return a minute of a dive, and its profile in the form for the smoother."""
     dive = fly(21, STEPS)
-    measured = np.where(np.isfinite(dive.dive.measured), dive.dive.measured, dive.states[:, MEASURED])
+    measured = np.where(np.isfinite(dive.problem.measured), dive.problem.measured, dive.states[:, MEASURED])
     profile = profile_of(PETREL, measured, steady_controls(PETREL.platform, STEPS))
     return dive, profile, hull_parameters(PETREL.platform)
 
@@ -58,10 +58,10 @@ def _map_cost(flown, forcing, parameters, eta):
     dive, profile, _ = flown
     platform = moved_platform(PETREL.platform, parameters, eta)
     moved = profile_of(Glider(platform), profile.series.measurements, profile.series.controls)
-    measured = dive.dive.measured.copy()
-    measured[dive.dive.fed] += forcing.samples @ eta[forcing.reading]
-    problem = with_measured(dive.dive, measured)._replace(
-        bodies=moved.bodies, mean=dive.dive.mean + forcing.start.T @ eta
+    measured = dive.problem.measured.copy()
+    measured[dive.problem.fed] += forcing.samples @ eta[forcing.reading]
+    problem = with_measured(dive.problem, measured)._replace(
+        bodies=moved.bodies, mean=dive.problem.mean + forcing.start.T @ eta
     )
     smoothed = iterate_passes(moved.glider.hull, problem, dive.guess, TIGHT)
     assert smoothed.outcome is Outcome.CONVERGED
@@ -72,10 +72,10 @@ def test_the_score_is_the_slope_of_the_evidence(flown):
     """About the converged path it equals differences of the MAP's cost over the hull, to 1e-5 (docs/smoother.md)."""
     dive, profile, parameters = flown
     at = profile.series.measurements
-    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, at)
+    forcing = hull_forcing(profile, dive.problem, RecordSettings(), parameters, at)
     smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
-    information = sum_information(PETREL.hull, [dive.dive], forcing, path, segment_rows(dive.dive))[0]
+    information = sum_information(PETREL.hull, [dive.problem], forcing, path, segment_rows(dive.problem))[0]
     names = [p.key for p in parameters]
     for key in ("viscous.K_D0", "viscous.K_L", "position.battery", "buoyancy.neutral_volume", "sensors.pitch_offset"):
         eta = np.zeros(len(parameters))
@@ -88,11 +88,11 @@ def test_the_score_is_the_slope_of_the_evidence(flown):
 def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
     """They are those of the Gauss-Newton problem, and agree up to the neglected curvature."""
     dive, profile, parameters = flown
-    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
+    forcing = hull_forcing(profile, dive.problem, RecordSettings(), parameters, profile.series.measurements)
     smoothed = _map_cost(flown, forcing, parameters, np.zeros(len(parameters)))
     path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
     rows = np.arange(0, STEPS, 50)
-    _, found = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, path, segment_rows(dive.dive, rows), rows)
+    _, found = sensitivity_sweeps(PETREL.hull, dive.problem, forcing, path, segment_rows(dive.problem, rows), rows)
     for key in ("viscous.K_D0", "position.battery", "sensors.pitch_offset"):
         j = [p.key for p in parameters].index(key)
         eta = np.zeros(len(parameters))
@@ -101,7 +101,7 @@ def test_smoothed_sensitivities_are_the_slopes_of_the_map(flown):
         states = ((ahead.states - behind.states) / 2e-3)[rows][:, SENSED]
         disturbances = ((ahead.disturbances - behind.disturbances) / 2e-3)[rows]
         expected = np.hstack([states, disturbances])
-        scale = np.sqrt(dive.dive.deviation)
+        scale = np.sqrt(dive.problem.deviation)
         assert np.linalg.norm((found.states[..., j] - expected) / scale) < 0.05 * np.linalg.norm(expected / scale), key
         moved = (ahead.displacement - behind.displacement) / 2e-3
         np.testing.assert_allclose(found.displacement[:, j], moved, atol=0.05 * np.abs(moved).max())
@@ -113,7 +113,7 @@ def test_the_first_guess_depends_on_drag_and_lift_only(flown):
     platform = with_values(PETREL.platform, {"viscous.K_L0": 0.4})
     lifted = replace(profile, glider=Glider(platform))
     parameters = hull_parameters(platform)
-    found = hull_forcing(lifted, dive.dive, RecordSettings(), parameters, profile.series.measurements).start
+    found = hull_forcing(lifted, dive.problem, RecordSettings(), parameters, profile.series.measurements).start
     acting = set()
     for j, parameter in enumerate(parameters):
         if parameter.key.startswith("sensors."):
@@ -183,7 +183,7 @@ def test_the_masses_change_as_the_lag_of_the_actuators_changes():
 
     profile = prepared(0.4)
     parameters = hull_parameters(profile.glider.platform)
-    dive = fly(1, len(profile.bodies)).dive
+    dive = fly(1, len(profile.bodies)).problem
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     lag = [p.key for p in parameters].index(ACTUATOR_LAG)
     assert lag not in forcing.reading
@@ -199,7 +199,7 @@ def test_the_masses_change_as_the_lag_of_the_actuators_changes():
 def _information(parameters, seed=0, rows=40):
     rng, p = np.random.default_rng(seed), len(parameters)
     root = rng.standard_normal((p, p))
-    return DiveInformation(
+    return HullInformation(
         parameters=tuple(parameters), value=np.ones(p), plausible_deviation=np.ones(p),
         score=root @ rng.standard_normal(p), information=root @ root.T, others=(),
         displacement=rng.standard_normal((2, p)),
@@ -211,12 +211,12 @@ def test_the_posterior_is_that_of_bayes_and_takes_a_singular_covariance(flown):
     information = _information(flown[2])
     errors = stated_errors(PETREL.platform, information.parameters)
     np.testing.assert_array_equal(errors.covariance, np.eye(len(information.parameters)))
-    after = after_dive(errors, information)
+    after = posterior_errors(errors, information)
     expected = np.linalg.inv(information.information + np.eye(len(information.parameters)))
     np.testing.assert_allclose(after.covariance, expected, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(after.mean, expected @ information.score, rtol=1e-9, atol=1e-12)
     known = replace(errors, covariance=np.zeros_like(errors.covariance))
-    np.testing.assert_array_equal(after_dive(known, information).covariance, 0.0)
+    np.testing.assert_array_equal(posterior_errors(known, information).covariance, 0.0)
 
 
 def test_a_dive_that_contradicts_the_stated_errors_does_not_narrow_them(flown):
@@ -229,8 +229,8 @@ def test_a_dive_that_contradicts_the_stated_errors_does_not_narrow_them(flown):
         score = size * np.linalg.cholesky(matrix + 0.01 * matrix @ matrix) @ np.ones(p)
         chi_square, freedom = InformedDirections.of(matrix).disagreement(score, before.covariance)
         assert (freedom, chi_square) == (p, pytest.approx(p * size**2))
-        after = after_dive(before, replace(information, score=score))
-        narrowed = before.after(score, matrix)
+        after = posterior_errors(before, replace(information, score=score))
+        narrowed = before.updated(score, matrix)
         np.testing.assert_array_equal(after.mean, narrowed.mean)
         np.testing.assert_array_equal(after.covariance, before.covariance if contradicts else narrowed.covariance)
 
@@ -265,7 +265,7 @@ class _Filtered:
 @pytest.mark.parametrize("corrected_by_dive", [False, True])
 def test_the_hull_s_part_is_in_every_interval(flown, corrected_by_dive):
     information = _information(flown[2])
-    errors = after_dive(stated_errors(PETREL.platform, information.parameters), information)
+    errors = posterior_errors(stated_errors(PETREL.platform, information.parameters), information)
     result, part = with_hull_errors(_smoothed(), information, errors, corrected=corrected_by_dive)
     square = errors.covariance + (0.0 if corrected_by_dive else np.outer(errors.mean, errors.mean))
     k, i = 7, 4
@@ -290,14 +290,14 @@ def test_uncertainty_of_a_held_hull_obeys_the_law_of_total_variance(flown):
     root = np.linalg.cholesky(information.information + information.information @ information.information)
     draws = 20000
     for z in rng.standard_normal((draws, len(root))):
-        after = after_dive(before, replace(information, score=root @ z))
+        after = posterior_errors(before, replace(information, score=root @ z))
         total += (after.covariance + np.outer(after.mean, after.mean)) / draws
     np.testing.assert_allclose(total, before.covariance, atol=0.05)
 
 
 def test_bursts_of_noise_have_their_own_scale():
     """Quiet stretches have a smaller scale, bursts a larger one; slow disturbances keep the dive's scale."""
-    dive = fly(2, 400).dive
+    dive = fly(2, 400).problem
     assert (-dive.step / np.log(dive.decay) < 120.0).all()
     dive = dive._replace(decay=np.array([*np.full(5, np.exp(-dive.step / 3600.0)), dive.decay[5]]))
     spent = np.zeros((400, 6))
@@ -313,7 +313,7 @@ def test_bursts_of_noise_have_their_own_scale():
 
 def test_noise_of_one_scale_is_left_as_it_is():
     """If sums of squares vary no more than by chance, stretches have no separate scales."""
-    dive = fly(2, 4000).dive
+    dive = fly(2, 4000).problem
     rng = np.random.default_rng(3)
     resolved = np.full((4000, 6), 0.1)
     spent = resolved * rng.standard_normal((4000, 6)) ** 2
@@ -342,12 +342,12 @@ def test_the_dispersion_of_the_noise_is_found(variance, tolerance):
 def _forced(flown):
     dive, profile, parameters = flown
     path = Trajectory(dive.glide.states, dive.glide.disturbances)
-    return hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements), path
+    return hull_forcing(profile, dive.problem, RecordSettings(), parameters, profile.series.measurements), path
 
 
 def test_other_noise_assumptions_reduce_the_noise_or_drop_actuated_samples():
     """They have less noise where the dive was quieter and nowhere more, or no samples while actuators move."""
-    dive = fly(2, 400).dive
+    dive = fly(2, 400).problem
     spent = np.full((400, 6), 0.01)
     spent[150:200] = 30.0
     resolved = np.full((400, 6), 0.05)
@@ -366,17 +366,17 @@ def test_other_noise_assumptions_reduce_the_noise_or_drop_actuated_samples():
 def test_a_filter_that_flies_off_leaves_information_all_the_same(flown):
     """A stretch where the linearised filter is in error by metres per second is linearised about the smoothed path."""
     dive, profile, parameters = flown
-    forcing = hull_forcing(profile, dive.dive, RecordSettings(), parameters, profile.series.measurements)
-    rows, path = segment_rows(dive.dive), dive.guess
-    about, _ = sensitivity_sweeps(PETREL.hull, dive.dive, forcing, path, rows, rows[::10])
+    forcing = hull_forcing(profile, dive.problem, RecordSettings(), parameters, profile.series.measurements)
+    rows, path = segment_rows(dive.problem), dive.guess
+    about, _ = sensitivity_sweeps(PETREL.hull, dive.problem, forcing, path, rows, rows[::10])
     np.testing.assert_array_equal(without_far_rows(about.filtered), about.filtered)
     wild = about.filtered.copy()
     wild[40:46, 4:7] += 30.0
     wild[46:48, 0] -= 8.0
 
     def information(deviations):
-        about = moved(PETREL.hull, dive.dive, path, rows, deviations)
-        return sum_information(PETREL.hull, [dive.dive], forcing, about, rows)[0]
+        about = moved(PETREL.hull, dive.problem, path, rows, deviations)
+        return sum_information(PETREL.hull, [dive.problem], forcing, about, rows)[0]
 
     assert not _is_finite(information(wild))
     held = without_far_rows(wild)
@@ -388,15 +388,15 @@ def test_a_filter_that_flies_off_leaves_information_all_the_same(flown):
 def test_a_moved_path_is_a_run_of_the_model_inside_segments(flown):
     """The disturbances' deviations decay from the first row of each segment, where the path moves as prescribed."""
     dive = flown[0]
-    rows, path = segment_rows(dive.dive, longest=4), dive.guess
+    rows, path = segment_rows(dive.problem, longest=4), dive.guess
     deviations = 1e-3 * np.random.default_rng(6).standard_normal((len(rows), 16))
-    about = moved(PETREL.hull, dive.dive, path, rows, deviations)
+    about = moved(PETREL.hull, dive.problem, path, rows, deviations)
     np.testing.assert_allclose(about.states[rows][:, SENSED], path.states[rows][:, SENSED] + deviations[:, :10])
     controls = np.tile(GLIDE.control, (STEPS, 1))
     for segment in (0, 5, len(rows) - 2):
         first, stop = rows[segment], rows[segment + 1]
         steps = np.arange(stop - first)[:, None]
-        expected = path.disturbances[first:stop] + dive.dive.decay**steps * deviations[segment, 10:]
+        expected = path.disturbances[first:stop] + dive.problem.decay**steps * deviations[segment, 10:]
         np.testing.assert_allclose(about.disturbances[first:stop], expected)
         run = PETREL.simulate(about.states[first], controls[first : stop - 1], about.disturbances[first : stop - 1], H)
         np.testing.assert_allclose(about.states[first:stop], run, rtol=1e-12, atol=1e-12)
@@ -409,11 +409,11 @@ def _is_finite(information):
 def test_information_is_symmetric_and_grows_with_samples(flown):
     dive, profile, parameters = flown
     forcing, path = _forced(flown)
-    rows = segment_rows(dive.dive)
-    whole = symmetric(sum_information(PETREL.hull, [dive.dive], forcing, path, rows)[0].matrix)
-    half = dive.dive.measured.copy()
+    rows = segment_rows(dive.problem)
+    whole = symmetric(sum_information(PETREL.hull, [dive.problem], forcing, path, rows)[0].matrix)
+    half = dive.problem.measured.copy()
     half[STEPS // 2 :] = np.nan
-    part_dive = with_measured(dive.dive, half)
+    part_dive = with_measured(dive.problem, half)
     part_forcing = hull_forcing(profile, part_dive, RecordSettings(), parameters, profile.series.measurements)
     part = symmetric(sum_information(PETREL.hull, [part_dive], part_forcing, path, rows)[0].matrix)
     np.testing.assert_array_equal(whole, whole.T)

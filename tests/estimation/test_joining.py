@@ -10,7 +10,7 @@ from test_windows import Scripted, dive_problem, spans
 from gliderhpc.estimation import joining
 from gliderhpc.estimation.joining import fading
 from gliderhpc.estimation.window_plan import WindowPlan
-from gliderhpc.estimation.windows import solve_dive
+from gliderhpc.estimation.windows import solve_profile
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.follow import follow
 from gliderhpc.outcomes import Outcome
@@ -40,7 +40,7 @@ def test_weights_of_an_overlap_have_no_kink():
 
 def test_windows_of_a_path_start_from_its_states():
     problem, solver = path_problem(700), Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
-    solution = solve_dive(problem, solver)
+    solution = solve_profile(problem, solver)
     assert spans(solution) == [(0, 300, True), (200, 500, False), (500, 700, False)]
     for window, state in zip(solution.windows, solver.states0, strict=True):
         np.testing.assert_array_equal(state, problem.path[window.start])
@@ -49,7 +49,7 @@ def test_windows_of_a_path_start_from_its_states():
 
 
 def test_a_solution_fades_into_the_next_over_their_overlap():
-    solution = solve_dive(path_problem(700), Scripted())
+    solution = solve_profile(path_problem(700), Scripted())
     steps = np.abs(np.diff(solution.disturbances, axis=0))
     # The solutions of the windows differ by 1e-4, which would be the step if one simply replaced the other.
     assert steps.max() < 0.2 * 1e-4
@@ -62,13 +62,13 @@ def test_a_solution_fades_into_the_next_over_their_overlap():
 def test_joined_windows_form_a_single_trajectory():
     """States and track follow from the disturbances over the whole dive, including seams without an overlap."""
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
-    solution = solve_dive(path_problem(700), solver)
+    solution = solve_profile(path_problem(700), solver)
     np.testing.assert_allclose(solution.states, flown(solution.states, solution.disturbances, 700), atol=1e-9)
 
 
 def test_a_failed_window_of_a_path_leaves_the_prior():
     problem = path_problem(1000)
-    solution = solve_dive(problem, Scripted((0.1, Outcome.CONVERGED), (0.0, Outcome.DIVERGED)))
+    solution = solve_profile(problem, Scripted((0.1, Outcome.CONVERGED), (0.0, Outcome.DIVERGED)))
     assert spans(solution)[:3] == [(0, 300, True), (200, 500, False), (500, 800, True)]
     np.testing.assert_array_equal(solution.disturbances[200:500], problem.filtered.disturbances[200:500])
     np.testing.assert_array_equal(solution.states[201:500, SENSED], problem.filtered.states[201:500, SENSED])
@@ -79,20 +79,20 @@ def test_a_short_window_inside_an_overlap_leaves_no_step():
     """The window of a shorter plan may end inside the overlap; the earlier solution continues from there."""
     shorter = WindowPlan(length=60, margin=20, cost_threshold=0.2)
     problem = path_problem(700, WindowPlan(length=300, margin=100, cost_threshold=0.2, shorter=shorter))
-    solution = solve_dive(problem, Scripted((0.1, Outcome.CONVERGED), (0.3, Outcome.STALLED)))
+    solution = solve_profile(problem, Scripted((0.1, Outcome.CONVERGED), (0.3, Outcome.STALLED)))
     assert spans(solution)[1][:2] == (200, 260)
     assert np.isfinite(solution.states).all()
     np.testing.assert_allclose(solution.states, flown(solution.states, solution.disturbances, 700), atol=1e-9)
 
 
 def test_a_run_that_cannot_be_flown_is_not_used(monkeypatch):
-    plain = solve_dive(path_problem(300), Scripted())
+    plain = solve_profile(path_problem(300), Scripted())
 
     def lost(hull, bodies, b, h, lateral, longitudinal, states):
         states[:] = np.nan
 
     monkeypatch.setattr(joining, "follow", lost)
-    solution = solve_dive(path_problem(300), Scripted())
+    solution = solve_profile(path_problem(300), Scripted())
     assert np.isfinite(solution.states).all()
     np.testing.assert_allclose(solution.states, plain.states, atol=1e-4)
 

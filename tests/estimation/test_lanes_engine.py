@@ -26,7 +26,7 @@ from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profiles
 from gliderhpc.estimation.settings import EstimationSettings, OptimizerSettings
 from gliderhpc.estimation.window_plan import WindowPlan
-from gliderhpc.estimation.windows import solve_dive
+from gliderhpc.estimation.windows import solve_profile
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.quasi_newton import run_until_done
@@ -107,7 +107,7 @@ def test_a_dive_does_not_depend_on_what_is_solved_with_it(dives, alone, run, cou
 def test_dives_are_solved_as_by_the_reference_engine(dives, alone):
     """Windows and outcomes are the same; both engines use the same code for the handover."""
     for number, problem in dives.items():
-        expected = solve_dive(problem, partial(solve_window, settings=SETTINGS))
+        expected = solve_profile(problem, partial(solve_window, settings=SETTINGS))
         ours = alone[number]
         assert [(w.start, w.stop, w.outcome) for w in ours.windows] == [
             (w.start, w.stop, w.outcome) for w in expected.windows
@@ -125,11 +125,11 @@ def one_at_a_time(problem, run, settings):
     batch = LaneBatch(settings, run)
 
     def solve(data, start):
-        batch.put(3, (data, start))
+        batch.load(3, (data, start))
         ((_, solution),) = batch.run()
         return solution
 
-    return solve_dive(problem, solve)
+    return solve_profile(problem, solve)
 
 
 SHORT = WindowPlan(length=30, margin=10, cost_threshold=0.2, scale=tuple(SCALE.tolist()))
@@ -250,10 +250,10 @@ def test_a_longer_window_makes_room_while_others_are_under_way(run):
     quick = window_data(20, seed=3)
     expected = [solve_together([(data, at_rest(data))], SETTINGS, run)[0] for data in (short, long)]
     batch = LaneBatch(SETTINGS, run)
-    batch.put(1, (short, at_rest(short)))
-    batch.put(0, (quick, at_rest(quick)))
+    batch.load(1, (short, at_rest(short)))
+    batch.load(0, (quick, at_rest(quick)))
     assert [lane for lane, _ in batch.run()] == [0], "the quick window must end first"
-    batch.put(0, (long, at_rest(long)))
+    batch.load(0, (long, at_rest(long)))
     solutions = {}
     while len(solutions) < 2:
         solutions.update(batch.run())

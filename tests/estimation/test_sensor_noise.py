@@ -12,7 +12,7 @@ from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.sensor_noise import noise_of_record, noisier_than_stated, sample_variance
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.flight.glider import Glider
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import load_scenario, simulate_profile
@@ -82,7 +82,7 @@ def test_a_noisy_compass_does_not_change_the_speed(degrees):
     """With the noise stated, 0.1 degree moves the speed by 0.02 m/s, and 0.2 degree makes the filter refuse."""
     record, truth = twin("calm", 2)
     profile = prepare_profile(Glider(PETREL), series(with_noise(record, degrees)))
-    found, time = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS), profile.series.time
+    found, time = run_smoother(profile, run_filter(profile, SETTINGS), SETTINGS), profile.series.time
     steady = ~profile.vibrating & (time > 60.0) & (time < truth.time[-1])
     error = found.states[:, 6] - np.interp(time, truth.time, truth.states[:, 6])
     assert np.sqrt(np.mean(error[steady] ** 2)) < 0.006

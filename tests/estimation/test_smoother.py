@@ -9,7 +9,7 @@ from gliderhpc.estimation.filter import filter_with_priors
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings
-from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
+from gliderhpc.estimation.smoother.iterate import iterate_passes, run_smoother
 from gliderhpc.estimation.smoother.noise import HeavyTails
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window
@@ -72,12 +72,12 @@ def map_gradient(dive, state0, disturbances):
 def flown():
     """Return five minutes of a dive through north, with a gap, missing channels and a stretch of more noise."""
     flown = fly(11, 3000, turn=0.05)
-    measured = flown.dive.measured.copy()
+    measured = flown.problem.measured.copy()
     measured[1000:1400] = np.nan
     measured[500, 2] = np.nan
     measured[2000:2100, 3] = np.nan
     measured[:, 2] = np.mod(measured[:, 2], 2.0 * np.pi)
-    dive = with_measured(flown.dive, measured)
+    dive = with_measured(flown.problem, measured)
     dive.noise[2500:2600] *= 30.0
     return dive, flown
 
@@ -167,7 +167,7 @@ def test_intervals_cover_the_truth_at_their_nominal_rate():
     errors, widths, displacement = [], [], []
     for seed in range(32):
         flown = fly(100 + seed, 5000)
-        smoothed = smooth(flown.dive, start=flown.guess)
+        smoothed = smooth(flown.problem, start=flown.guess)
         assert smoothed.outcome is Outcome.CONVERGED
         errors.append((smoothed.disturbances - flown.disturbances)[300:] / smoothed.disturbances_std[300:])
         widths.append(smoothed.disturbances_std[300:].mean(axis=0) / DEVIATION)
@@ -242,7 +242,7 @@ def record():
 def smoothed_profile(series, settings=SETTINGS):
     profile = prepare_profile(PETREL, series)
     (estimate,) = filter_with_priors([profile], [default_prior(PETREL.platform)], settings)
-    return estimate, smooth_dive(profile, estimate, settings)
+    return estimate, run_smoother(profile, estimate, settings)
 
 
 def test_samples_gated_by_the_filter_have_no_weight_in_the_smoother():
@@ -275,7 +275,7 @@ def test_a_dive_that_cannot_be_smoothed_leaves_the_filter_s_estimate(monkeypatch
     flown = fly(31, 2000)
     series = replaced(
         record(), measurements=np.column_stack([np.interp(np.arange(2001), np.arange(0, 2001, 10), x[::10])
-                                                for x in flown.dive.measured.T])
+                                                for x in flown.problem.measured.T])
     )  # fmt: skip
     settings = EstimationSettings(smoother=SmootherSettings(max_passes=2))
     estimate, smoothed = smoothed_profile(series, settings)
@@ -315,10 +315,11 @@ def test_heavy_tails_do_not_smear_pulses():
     flown, wave = fly(21, n), pulses(n)
     rng = np.random.default_rng(5)
     states = PETREL.simulate(flown.guess.states[0], np.tile(GLIDE.control, (n, 1)), wave, H)
-    measured = np.where(flown.dive.fed[:, None], states[:, MEASURED] + 5e-4 * rng.standard_normal((n + 1, 4)), np.nan)
+    samples = states[:, MEASURED] + 5e-4 * rng.standard_normal((n + 1, 4))
+    measured = np.where(flown.problem.fed[:, None], samples, np.nan)
     scores = {}
     for name, freedom in (("normal", None), ("heavy", 3.0)):
-        dive = with_measured(flown.dive, measured)
+        dive = with_measured(flown.problem, measured)
         dive.noise[:, 5] *= 0.01
         tails = None if freedom is None else HeavyTails(dive.noise.copy(), freedom, (5,), 10)
         smoothed = smooth(dive, start=flown.guess, noise_models=[] if tails is None else [tails])
@@ -335,7 +336,7 @@ def test_weights_are_those_of_student_s_t():
     linear = allocate_backward(1, 20)
     # Nine unresolved degrees of freedom at the prior's variance, and one resolved with R = 31 in the second interval.
     linear.noise_mean[10:, 5] = np.sqrt(0.5 * 30.0 / 10.0)
-    weights = tails.renewed(nominal.copy(), linear)
+    weights = tails.updated(nominal.copy(), linear)
     np.testing.assert_allclose(weights[:10, 5], 0.5)
     np.testing.assert_allclose(weights[10:, 5], 0.5 * 35.0 / 5.0)
     np.testing.assert_array_equal(weights[:, :5], nominal[:, :5])

@@ -17,7 +17,7 @@ class NoWayDown:
     rows = np.arange(ROWS + 1)
 
     def __init__(self, _, dive, *, mean):
-        self.dive, self.mean_shift, self.forwards = dive, np.zeros((0, 16)), 0
+        self.problem, self.mean_shift, self.forwards = dive, np.zeros((0, 16)), 0
 
     def forward(self, trajectory, gate=np.inf):
         """Run; the merit grows with every move."""
@@ -29,7 +29,7 @@ class NoWayDown:
 
     def backward(self, trajectory):
         """Move by five deviations, or by a tenth with damping."""
-        damped = np.isfinite(self.dive.damping).any()
+        damped = np.isfinite(self.problem.damping).any()
         return SimpleNamespace(
             correction=np.full((ROWS + 1, 16), 0.1 if damped else 5.0), state_variance=np.ones((ROWS + 1, 10)),
             disturbance_variance=np.ones((ROWS + 1, 6)), track_variance=np.ones((ROWS + 1, 2)), steepest=np.ones(10),

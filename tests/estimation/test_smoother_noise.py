@@ -14,7 +14,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings, SmootherSettings, smoother_passes
 from gliderhpc.estimation.smoother import iterate, problem
 from gliderhpc.estimation.smoother.estimate import filter_fallback
-from gliderhpc.estimation.smoother.iterate import iterate_passes, smooth_dive
+from gliderhpc.estimation.smoother.iterate import iterate_passes, run_smoother
 from gliderhpc.estimation.smoother.noise import WEIGHT, NoiseScale, actuation_noise, standardised_noise
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_values
@@ -56,10 +56,10 @@ def test_noise_factors_are_the_ratio_of_squared_to_resolved_noise():
     linear = allocate_backward(1, n)
     linear.noise_resolved[:] = 0.5
     linear.noise_mean[:] = np.sqrt(3.0 * 2.0 * 0.5)
-    renewed = scale.renewed(prior, linear)
+    updated = scale.updated(prior, linear)
     resolved = 0.5 * n
-    np.testing.assert_allclose(renewed[:, [0, 5]], 2.0 * (3.0 * resolved + WEIGHT) / (resolved + WEIGHT))
-    np.testing.assert_array_equal(renewed[:, 1:5], 2.0)
+    np.testing.assert_allclose(updated[:, [0, 5]], 2.0 * (3.0 * resolved + WEIGHT) / (resolved + WEIGHT))
+    np.testing.assert_array_equal(updated[:, 1:5], 2.0)
 
 
 def test_standardised_noise_is_over_its_own_deviation():
@@ -76,12 +76,12 @@ def test_standardised_noise_is_over_its_own_deviation():
 def test_the_noise_factor_of_a_dive_corrects_a_prior_that_is_too_strong():
     """With a prior nine times too strong in yaw, the factor is close to a ninth, and the interval is narrower."""
     flown = fly(41, 6000)
-    truth = flown.dive.noise.copy()
+    truth = flown.problem.noise.copy()
     widths = {}
     for adaptive in (False, True):
         noise = truth.copy()
         noise[:, 5] *= 9.0
-        dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())
+        dive = flown.problem._replace(noise=noise, variance=flown.problem.variance.copy())
         scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
         smoothed = iterate_passes(
             PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[scale] if adaptive else []
@@ -96,9 +96,9 @@ def test_the_noise_factor_of_a_dive_corrects_a_prior_that_is_too_strong():
 def test_a_segment_of_the_dive_gives_its_noise(monkeypatch):
     """A quarter of the dive gives a ninth, like the whole dive; one without an estimate gives no factor."""
     flown = fly(41, 6000)
-    noise = flown.dive.noise.copy()
+    noise = flown.problem.noise.copy()
     noise[:, 5] *= 9.0
-    dive = flown.dive._replace(noise=noise.copy(), variance=flown.dive.variance.copy())
+    dive = flown.problem._replace(noise=noise.copy(), variance=flown.problem.variance.copy())
     scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
     given = PETREL.hull, dive, flown.guess, scale, SmootherSettings(), np.inf
     factors = scale.factors(iterate.noise_from_segment(*given))
@@ -116,10 +116,10 @@ def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
     monkeypatch.setattr(problem.Sweeps, "forward", lambda *args: (sweeps.append(len(found)), forward(*args))[1])
     for at_once in (True, False):
         if not at_once:
-            monkeypatch.setattr(iterate._Iteration, "_move_and_renew_noise", lambda *args: False)
-        noise = flown.dive.noise.copy()
+            monkeypatch.setattr(iterate._Iteration, "_move_with_noise", lambda *args: False)
+        noise = flown.problem.noise.copy()
         noise[:, 5] *= 9.0
-        dive = flown.dive._replace(noise=noise, variance=flown.dive.variance.copy())
+        dive = flown.problem._replace(noise=noise, variance=flown.problem.variance.copy())
         scale = NoiseScale(noise.copy(), np.zeros_like(noise), np.ones(len(noise), dtype=bool), tuple(range(6)))
         smoothed = iterate_passes(PETREL.hull, dive, flown.guess, SmootherSettings(), noise_models=[scale])
         found.append((smoothed, dive.noise.copy()))
@@ -135,11 +135,11 @@ def test_new_noise_and_the_whole_move_take_one_sweep(monkeypatch):
 def test_noise_that_overshoots_settles_soon():
     """Each renewal leaves 0.7 of its distance (in logarithms) on the other side; made whole, it would take nine."""
     flown = fly(41, 2000)
-    dive = flown.dive._replace(noise=flown.dive.noise.copy(), variance=flown.dive.variance.copy())
+    dive = flown.problem._replace(noise=flown.problem.noise.copy(), variance=flown.problem.variance.copy())
     settled, used = 5.0 * dive.noise, []
 
     class Overshooting:
-        def renewed(self, noise, linear):
+        def updated(self, noise, linear):
             used.append(noise.copy())
             return settled * (settled / noise) ** 0.7
 
@@ -190,7 +190,7 @@ def test_gusts_that_a_decimated_record_does_not_resolve_do_not_bias_the_speed(ev
     columns = [one.name for one in fields(record) if np.shape(getattr(record, one.name)) == record.time.shape]
     decimated = replace(record, **{name: getattr(record, name)[rows] for name in columns})
     profile = prepare_profile(Glider(hull), on_steps(decimated, settings, hull))
-    smoothed = smooth_dive(profile, run_filter(profile, settings), settings)
+    smoothed = run_smoother(profile, run_filter(profile, settings), settings)
     time = profile.series.time
     steady = ~profile.vibrating & (time > 60.0) & (time < truth.time[-1])
     error = (smoothed.states[:, 6] - np.interp(time, truth.time, truth.states[:, 6]))[steady]
@@ -223,7 +223,7 @@ def test_a_wrong_yaw_damping_does_not_bias_the_speed(wandering, damping):
     hull, record, truth = wandering
     assumed, settings = Glider(with_values(hull, {"viscous.K_r": damping})), EstimationSettings()
     profile = prepare_profile(assumed, on_steps(record, settings))
-    found = smooth_dive(profile, run_filter(profile, settings), settings)
+    found = run_smoother(profile, run_filter(profile, settings), settings)
     assert found.states[:, 6].mean() == pytest.approx(truth.states[:, 6].mean(), rel=0.05)
 
 
@@ -234,7 +234,7 @@ def test_a_single_pass_is_shortened_until_the_path_is_flyable(monkeypatch):
     only = SmootherSettings(max_passes=1)
 
     def smoothed():
-        dive = flown.dive._replace(variance=flown.dive.variance.copy(), noise=flown.dive.noise.copy())
+        dive = flown.problem._replace(variance=flown.problem.variance.copy(), noise=flown.problem.noise.copy())
         return iterate_passes(PETREL.hull, dive, flown.glide, only)
 
     whole = smoothed()

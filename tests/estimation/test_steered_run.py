@@ -10,8 +10,8 @@ from gliderhpc.estimation.preparation import controls_of, prepare_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import information, iterate
-from gliderhpc.estimation.smoother.information import smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.information import smoothed_hull_information
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.problem import Gusts, Trajectory, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import find_gusts, information_path
 from gliderhpc.flight.glider import SENSED, Glider
@@ -36,17 +36,17 @@ def flown_dive(scenario, seed=3, depth=60.0):
     return profile, run_filter(profile, SETTINGS), truth
 
 
-def smoothed_dive(scenario):
+def smoothed_profile(scenario):
     """Return a dive on its steps, its estimate, and the smoothed path."""
     profile, filtered, _ = flown_dive(scenario)
-    smoothed = smooth_dive(profile, filtered, SETTINGS)
+    smoothed = run_smoother(profile, filtered, SETTINGS)
     path = Trajectory(smoothed.states, np.vstack([smoothed.disturbances, smoothed.disturbances[-1]]))
     return profile, smoothed, path
 
 
 @pytest.fixture(scope="module")
 def calm():
-    return smoothed_dive(with_white_errors(load_scenario("calm")))
+    return smoothed_profile(with_white_errors(load_scenario("calm")))
 
 
 def run_of(profile, path):
@@ -79,7 +79,7 @@ def test_run_has_less_noise_than_the_smoothed_path(calm):
 
 
 def test_in_water_that_turns_the_glider_only_the_turns_are_those_of_the_filter():
-    profile, _, path = smoothed_dive(load_scenario("impulses"))
+    profile, _, path = smoothed_profile(load_scenario("impulses"))
     filtered = Trajectory(path.states + 0.001, path.disturbances + 0.001)
     found = information_path(profile, path, lambda: filtered)
     turning, gliding = [0, 2, 7, 9, 11], [1, 5, 6, 8, 10]
@@ -103,7 +103,7 @@ def errors_about(path, profile, smoothed, monkeypatch):
     with monkeypatch.context() as patch:
         if path == "filter":
             patch.setattr(information, "information_path", lambda *given: given[-1]())
-        found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, STILL)
+        found = smoothed_hull_information(profile, smoothed, smoothed.last_pass, STILL)
     posterior = np.eye(len(found.score)) + found.information
     errors = np.linalg.solve(posterior, found.score) / np.sqrt(np.diag(np.linalg.inv(posterior)))
     return dict(zip(found.names, errors, strict=True))
@@ -115,7 +115,7 @@ def test_a_slow_surge_force_is_not_taken_for_drag(monkeypatch):
     errors = {"filter": [], "run": []}
     for seed in (1, 2, 3):
         profile, filtered, _ = flown_dive(load_scenario("impulses").replaced(slow), seed, depth=200.0)
-        smoothed = smooth_dive(profile, filtered, SETTINGS)
+        smoothed = run_smoother(profile, filtered, SETTINGS)
         for way, found in errors.items():
             found.append(errors_about(way, profile, smoothed, monkeypatch)["viscous.K_D0"])
     assert np.mean(errors["filter"]) < -1.5
@@ -131,7 +131,7 @@ def test_damping_is_not_biased_by_the_noise_of_the_sensors(calm, monkeypatch):
 
 def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
     """They roll the glider as no noise of the disturbances does; the run's derivatives do not contain them."""
-    profile, smoothed, path = smoothed_dive(load_scenario("paper").replaced({"depth_spread": 5.0}))
+    profile, smoothed, path = smoothed_profile(load_scenario("paper").replaced({"depth_spread": 5.0}))
     run_of(profile, path)
     about_filter, about_run = (
         np.array(list(errors_about(way, profile, smoothed, monkeypatch).values())) for way in ("filter", "run")
@@ -181,7 +181,7 @@ def test_roll_in_gusts_does_not_bias_the_smoothed_speed(name, seeds, monkeypatch
     def error():
         squares = []
         for profile, filtered, truth in dives:
-            found, time = smooth_dive(profile, filtered, SETTINGS), profile.series.time
+            found, time = run_smoother(profile, filtered, SETTINGS), profile.series.time
             steady = ~profile.vibrating & (time > 60.0) & (time < truth.time[-1])
             squares.append(np.mean((found.states[:, 6] - np.interp(time, truth.time, truth.states[:, 6]))[steady] ** 2))
         return np.sqrt(np.mean(squares))
@@ -195,7 +195,7 @@ def test_roll_in_gusts_does_not_bias_the_smoothed_speed(name, seeds, monkeypatch
 def test_the_side_force_of_gusts_lies_in_its_intervals():
     """In gusts with impulses as well (demo): 68 % intervals hold 0.6 or more of the truth, which varies too fast."""
     profile, filtered, truth = flown_dive(load_scenario("demo").replaced({"depth_spread": 0.0}), 1, depth=100.0)
-    found, time = smooth_dive(profile, filtered, SETTINGS), profile.series.time[:-1]
+    found, time = run_smoother(profile, filtered, SETTINGS), profile.series.time[:-1]
     steady = ~profile.vibrating[:-1] & (time > 60.0) & (time < truth.time[-1])
     sway = np.interp(time, truth.step * np.arange(len(truth.disturbances)), truth.disturbances[:, 1])
     apart = np.abs(found.disturbances[:, 1] - sway)[steady]

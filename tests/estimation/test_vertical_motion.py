@@ -13,8 +13,8 @@ from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.forcing import vertical_motion_slopes, with_sample_errors
-from gliderhpc.estimation.smoother.information import smoothed_dive_information
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.information import smoothed_hull_information
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.vertical_motion import (
     CORRELATION_TIME,
     DepthRates,
@@ -73,12 +73,12 @@ def test_shear_gusts_and_fouling_are_not_vertical_motion(scenario):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_slow_forces_vary_the_depth_rate_but_are_not_taken_for_motion(seed):
     profile, _ = flown("impulses", seed=seed)
-    smoothed = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS)
-    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS)
+    smoothed = run_smoother(profile, run_filter(profile, SETTINGS), SETTINGS)
+    found = smoothed_hull_information(profile, smoothed, smoothed.last_pass, SETTINGS)
     assert motion_deviation(profile) > 0.003
     assert found.vertical_motion == 0.0
     assert found.record is None
-    without = smoothed_dive_information(profile, smoothed, smoothed.last_pass, still())
+    without = smoothed_hull_information(profile, smoothed, smoothed.last_pass, still())
     np.testing.assert_allclose(found.information, without.information, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.states, without.states, rtol=1e-9, atol=1e-12)
 
@@ -174,7 +174,7 @@ def test_depth_alone_is_differentiated():
 @pytest.fixture(scope="module")
 def smoothed_calm(calm):
     profile, _ = calm
-    return profile, smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS)
+    return profile, run_smoother(profile, run_filter(profile, SETTINGS), SETTINGS)
 
 
 def test_sensitivity_to_the_motion_is_the_change_of_the_smoothed_estimate(calm):
@@ -183,9 +183,9 @@ def test_sensitivity_to_the_motion_is_the_change_of_the_smoothed_estimate(calm):
     fixed = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"adaptive": False})})
     displacement = 0.01 * displacement_basis(profile.series.time)[:, number]
     smoothed, moved = (
-        smooth_dive(each, run_filter(each, fixed), fixed) for each in (profile, displaced(profile, displacement))
+        run_smoother(each, run_filter(each, fixed), fixed) for each in (profile, displaced(profile, displacement))
     )
-    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, still(fixed, 0.01))
+    found = smoothed_hull_information(profile, smoothed, smoothed.last_pass, still(fixed, 0.01))
     rows = slice(None, None, SETTINGS.steps_per_record)
     change = (moved.states - smoothed.states)[rows]
     change[:, 5] -= displacement[rows]
@@ -198,7 +198,7 @@ def test_sensitivity_to_the_motion_is_the_change_of_the_smoothed_estimate(calm):
 
 def test_without_motion_nothing_changes(smoothed_calm):
     profile, smoothed = smoothed_calm
-    found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, SETTINGS)
+    found = smoothed_hull_information(profile, smoothed, smoothed.last_pass, SETTINGS)
     assert found.record is None
     assert found.vertical_motion == 0.0
 
@@ -235,9 +235,9 @@ def test_smoothed_depth_is_that_of_the_glider(dives_in_moving_water):
 def test_motion_does_not_pass_for_a_hull_with_little_drag(dives_in_moving_water):
     errors = {"auto": [], "still": []}
     for profile, _ in dives_in_moving_water:
-        smoothed = smooth_dive(profile, run_filter(profile, SETTINGS), SETTINGS)
+        smoothed = run_smoother(profile, run_filter(profile, SETTINGS), SETTINGS)
         for way, settings in {"auto": SETTINGS, "still": still()}.items():
-            found = smoothed_dive_information(profile, smoothed, smoothed.last_pass, settings)
+            found = smoothed_hull_information(profile, smoothed, smoothed.last_pass, settings)
             posterior = np.linalg.inv(np.eye(len(found.score)) + found.information)
             drag = found.names.index("viscous.K_D0")
             errors[way].append((posterior @ found.score)[drag] / np.sqrt(posterior[drag, drag]))
@@ -257,7 +257,7 @@ def test_with_sample_errors_adds_parameters_after_all_others(smoothed_calm):
 
     profile, smoothed = smoothed_calm
     forcing = hull_forcing(
-        profile, smoothed.last_pass.dive, SETTINGS.records, hull_parameters(HULL), smoothed.states[:, [0, 1, 2, 5]]
+        profile, smoothed.last_pass.problem, SETTINGS.records, hull_parameters(HULL), smoothed.states[:, [0, 1, 2, 5]]
     )
     fed, channels, reading = forcing.samples.shape
     slopes = np.arange(fed * channels * 2, dtype=float).reshape(fed, channels, 2)

@@ -15,7 +15,7 @@ from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowPlan, plan_windows, transform_scale
-from gliderhpc.estimation.windows import WindowSolution, solve_dive, starting_disturbance
+from gliderhpc.estimation.windows import WindowSolution, solve_profile, starting_disturbance
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior
@@ -153,7 +153,7 @@ def spans(solution):
 
 
 def test_every_good_window_is_retracted_and_the_last_may_be_shorter():
-    solution = solve_dive(dive_problem(1000), Scripted())
+    solution = solve_profile(dive_problem(1000), Scripted())
     assert spans(solution) == [
         (0, 300, True), (200, 500, True), (400, 700, True), (600, 900, True), (800, 1000, False),
     ]  # fmt: skip
@@ -161,7 +161,7 @@ def test_every_good_window_is_retracted_and_the_last_may_be_shorter():
 
 
 def test_the_next_solution_replaces_the_overlap():
-    solution = solve_dive(dive_problem(700), Scripted())
+    solution = solve_profile(dive_problem(700), Scripted())
     expected = np.repeat([1, 2, 3], [200, 200, 300])
     np.testing.assert_array_equal(solution.source + 1, expected)
     np.testing.assert_allclose(solution.disturbances, np.repeat(1e-4 * expected[:, None], 6, axis=1))
@@ -179,14 +179,14 @@ def test_the_next_solution_replaces_the_overlap():
     ],
 )
 def test_retraction_needs_a_low_cost_and_a_quiet_end(cost, vibrating, retracted):
-    solution = solve_dive(dive_problem(600, vibrating=vibrating), Scripted((cost, Outcome.CONVERGED)))
+    solution = solve_profile(dive_problem(600, vibrating=vibrating), Scripted((cost, Outcome.CONVERGED)))
     assert solution.windows[0].retracted is retracted
     assert solution.windows[1].start == (200 if retracted else 300)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.ITERATION_LIMIT, Outcome.STALLED])
 def test_a_usable_solution_stands_though_it_did_not_converge(outcome):
-    solution = solve_dive(dive_problem(600), Scripted((0.1, outcome)))
+    solution = solve_profile(dive_problem(600), Scripted((0.1, outcome)))
     assert solution.windows[0].retracted
     assert (solution.disturbances[:200] == 1e-4).all()
 
@@ -198,7 +198,7 @@ SPLIT = replace(PLAN, shorter=SHORT)
 def test_a_window_that_does_not_converge_is_solved_again_shorter():
     """It starts from the same state, with the scale of the shorter length; the next one is long again."""
     solver = Scripted((0.1, Outcome.CONVERGED), (0.1, Outcome.ITERATION_LIMIT), (0.05, Outcome.CONVERGED))
-    solution = solve_dive(dive_problem(1000, SPLIT), solver)
+    solution = solve_profile(dive_problem(1000, SPLIT), solver)
     assert spans(solution) == [(0, 300, True), (200, 300, True), (270, 570, True), (470, 770, True), (670, 970, True),
                                (870, 1000, False)]  # fmt: skip
     assert {window.outcome for window in solution.windows} == {Outcome.CONVERGED}
@@ -210,7 +210,7 @@ def test_a_window_that_does_not_converge_is_solved_again_shorter():
 @pytest.mark.parametrize("outcome", [Outcome.ITERATION_LIMIT, Outcome.STALLED, Outcome.DIVERGED])
 def test_windows_stay_short_until_one_converges(outcome):
     failures = [(0.05, outcome)] * 4
-    solution = solve_dive(dive_problem(700, SPLIT), Scripted(*failures))
+    solution = solve_profile(dive_problem(700, SPLIT), Scripted(*failures))
     assert [stop - start for start, stop, _ in spans(solution)][:5] == [100, 100, 100, 100, 300]
     assert [window.outcome for window in solution.windows[:4]] == [outcome] * 3 + [Outcome.CONVERGED]
 
@@ -219,7 +219,7 @@ def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
     """They are tried after one, four, sixteen short windows that converge: a record on which they fail costs little."""
     converged, failed = (0.5, Outcome.CONVERGED), (0.5, Outcome.ITERATION_LIMIT)
     solver = Scripted(failed, converged, failed, *[converged] * 4, failed, *[converged] * 16, failed)
-    solve_dive(dive_problem(3000, SPLIT), solver)
+    solve_profile(dive_problem(3000, SPLIT), solver)
     lengths = [300, 100, 300, *[100] * 4, 300, *[100] * 16, 300]
     assert [len(start) for start in solver.starts[: len(lengths)]] == lengths
 
@@ -228,7 +228,7 @@ def test_longer_windows_are_tried_less_often_the_oftener_they_fail():
 def test_a_window_that_did_not_converge_stands_unless_the_filter_follows_the_record_better(cost, usable):
     problem = dive_problem(600)
     problem.filtered.states[:301, 5] += 0.11  # 0.43 m2 s over the window
-    solution = solve_dive(problem, Scripted((cost, Outcome.STALLED)))
+    solution = solve_profile(problem, Scripted((cost, Outcome.STALLED)))
     assert solution.windows[0].outcome is (Outcome.STALLED if usable else Outcome.DIVERGED)
     assert (solution.disturbances[:200] == (1e-4 if usable else problem.filtered.disturbances[:200])).all()
 
@@ -253,7 +253,7 @@ def test_states_follow_from_the_stitched_disturbance():
     """Each sample's state, including X and Y, is that of the window whose solution is used there."""
     problem = dive_problem(700)
     solver = Scripted((0.1, Outcome.CONVERGED), (0.5, Outcome.CONVERGED))
-    solution = solve_dive(problem, solver)
+    solution = solve_profile(problem, solver)
     assert spans(solution) == [(0, 300, True), (200, 500, False), (500, 700, False)]
     np.testing.assert_array_equal(solver.states0[1], solution.states[200, SENSED])
     controls = np.tile(DIVE.control, (700, 1))
@@ -266,7 +266,7 @@ def test_states_follow_from_the_stitched_disturbance():
 def test_a_failed_window_leaves_the_prior_and_hands_over_the_filters_state(outcome):
     problem = dive_problem(1000)
     solver = Scripted((0.1, Outcome.CONVERGED), (0.0, outcome))
-    solution = solve_dive(problem, solver)
+    solution = solve_profile(problem, solver)
     assert spans(solution)[:3] == [(0, 300, True), (200, 500, False), (500, 800, True)]
     assert solution.windows[1].outcome is outcome
     np.testing.assert_array_equal(solution.disturbances[200:500], problem.filtered.disturbances[200:500])
@@ -276,7 +276,7 @@ def test_a_failed_window_leaves_the_prior_and_hands_over_the_filters_state(outco
 
 def test_the_track_is_continuous_through_a_failed_window():
     problem = dive_problem(1000)
-    solution = solve_dive(problem, Scripted((0.1, Outcome.CONVERGED), (0.0, Outcome.DIVERGED)))
+    solution = solve_profile(problem, Scripted((0.1, Outcome.CONVERGED), (0.0, Outcome.DIVERGED)))
     moved = np.linalg.norm(np.diff(solution.states[:, 3:5], axis=0), axis=1)
     assert moved.max() < 2.0 * np.median(moved)
     inside = np.diff(solution.states[200:501, 3:5], axis=0)
@@ -285,7 +285,7 @@ def test_the_track_is_continuous_through_a_failed_window():
 
 def test_a_window_without_a_measured_sample_is_not_solved():
     solver = Scripted()
-    solution = solve_dive(dive_problem(900, gap=slice(200, 520)), solver)
+    solution = solve_profile(dive_problem(900, gap=slice(200, 520)), solver)
     outcomes = [window.outcome for window in solution.windows]
     assert outcomes[:3] == [Outcome.CONVERGED, Outcome.NO_DATA, Outcome.CONVERGED]
     assert spans(solution)[1] == (200, 500, False)

@@ -34,7 +34,7 @@ def test_derivatives_of_a_segment_by_the_hull_are_complex_steps(seed):
     measurements = np.tile(state[MEASURED], (n + 1, 1))
     profile, parameters = profile_of(glider, measurements, raw), hull_only(platform)
     fed = np.array([True, False, True])
-    dive = fly(1, 2).dive._replace(bodies=profile.bodies, fed=fed)
+    dive = fly(1, 2).problem._replace(bodies=profile.bodies, fed=fed)
     forcing = hull_forcing(profile, dive, RecordSettings(), parameters, profile.series.measurements)
     scratch = allocate_scratch(segment_rows(dive, longest=n), forcing)
     path = np.tile(state, (n + 1, 1)), np.tile(b, (n + 1, 1))
@@ -68,11 +68,11 @@ def longest(case):
 def problem(case):
     """Return a dive with gaps, a path that does not follow from its disturbances, and all parameters of its hull."""
     flown = fly(3, STEPS, turn=0.02)
-    measured = flown.dive.measured.copy()
+    measured = flown.problem.measured.copy()
     measured[20:50] = np.nan
     measured[60, 2] = np.nan
     measured[70, [0, 3]] = np.nan
-    dive = with_measured(flown.dive, measured)
+    dive = with_measured(flown.problem, measured)
     if case[1]:
         measured, variance = with_velocity(flown, measured)
         dive = with_measured(dive._replace(variance=variance), measured)

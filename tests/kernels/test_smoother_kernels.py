@@ -33,12 +33,12 @@ def longest(case):
 def problem(case):
     """Return a dive whose path does not follow from its disturbances, with gaps in channels and heading near north."""
     flown = fly(3, STEPS, turn=0.02)
-    measured = flown.dive.measured.copy()
+    measured = flown.problem.measured.copy()
     measured[20:50] = np.nan
     measured[60, 2] = np.nan
     measured[70, [0, 3]] = np.nan
     measured[:, 2] = np.mod(measured[:, 2], 2.0 * np.pi)
-    dive = with_measured(flown.dive, measured)
+    dive = with_measured(flown.problem, measured)
     if case[1]:
         measured, variance = with_velocity(flown, measured)
         dive = with_measured(dive._replace(variance=variance), measured)
@@ -181,12 +181,12 @@ def test_transition_and_noise_of_a_segment_are_those_of_its_steps(seed):
     flown = PETREL.simulate(state, controls, b[:-1], H)
     path = Trajectory(flown.copy(), b)
     path.states[1:] += 0.01
-    dive = fly(1, 3).dive._replace(bodies=PETREL.bodies(controls), decay=decay, noise=noise)
+    dive = fly(1, 3).problem._replace(bodies=PETREL.bodies(controls), decay=decay, noise=noise)
     segments, block = allocate_segments(segment_rows(dive, longest=3), [3]), allocate_block()
     linearise_segments(
         PETREL.hull, dive, path.states, path.disturbances, segments, 0, 0, block, 0, np.zeros(LOG_DETERMINANT + 1)
     )
-    tape = allocate_tape(dive.fed[segments.rows], segments.stands_for)
+    tape = allocate_tape(dive.fed[segments.rows], segments.represented_steps)
     scatter_after(segments, 0, tape)
     Phi, added, after = np.eye(18), np.zeros((18, 18)), np.eye(18)
     offset = np.zeros(18)

@@ -42,7 +42,7 @@ def half_log_determinant(path, dive):
 @pytest.mark.long
 def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
     """The sum of the mean shifts along a direction of initial state and noise is the change of the log-determinant."""
-    dive, rng = flown.dive, np.random.default_rng(1)
+    dive, rng = flown.problem, np.random.default_rng(1)
     start, noise = dive.mean.copy(), np.zeros((STEPS, 6))
     start[10:] = [0.02, 0.01, -0.02, 0.01, 0.003, 0.1]
     path = trajectory(start, noise, dive)
@@ -67,7 +67,7 @@ def test_the_mean_shift_is_the_gradient_of_half_the_log_determinant(flown):
 
 def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
     """The linear term of the cost moves the smoothed mean by minus the covariance times the term's gradient."""
-    dive, path = flown.dive, flown.glide
+    dive, path = flown.problem, flown.glide
     sweeps = Sweeps(PETREL.hull, dive, mean=True, longest=1)
     sweeps.forward(path)
     before = sweeps.backward(path).correction.copy()
@@ -84,7 +84,7 @@ def test_a_linear_term_moves_the_mean_as_a_dense_solution(flown):
 
 
 def test_the_last_step_has_no_mean_shift_behind_it(flown):
-    sweeps = Sweeps(PETREL.hull, flown.dive, mean=True, longest=1)
+    sweeps = Sweeps(PETREL.hull, flown.problem, mean=True, longest=1)
     sweeps.forward(flown.glide)
     mean_shift = sweeps.backward(flown.glide).mean_shift
     assert np.isfinite(mean_shift).all()
@@ -99,7 +99,7 @@ def test_the_mean_is_nearer_to_the_truth_than_the_mode():
         settings, errors = SmootherSettings(estimate=estimate), []
         for seed in range(8):
             flown = fly(300 + seed, 6000)
-            smoothed = iterate_passes(PETREL.hull, flown.dive, flown.guess, settings)
+            smoothed = iterate_passes(PETREL.hull, flown.problem, flown.guess, settings)
             assert smoothed.outcome is Outcome.CONVERGED
             errors.append(np.mean(((smoothed.disturbances - flown.disturbances) / smoothed.disturbances_std)[300:, 0]))
         biases[estimate] = abs(np.mean(errors))
@@ -113,7 +113,7 @@ def test_a_mean_shift_summed_up_over_segments_leads_to_the_same_mean(monkeypatch
         monkeypatch.setattr("gliderhpc.estimation.smoother.problem._SEGMENT_DURATION", duration)
         flown = fly(301, 3000)
         settings = SmootherSettings(estimate="mean", tolerance=1e-3)
-        found.append(iterate_passes(PETREL.hull, flown.dive, flown.guess, settings))
+        found.append(iterate_passes(PETREL.hull, flown.problem, flown.guess, settings))
     change = (found[1].disturbances - found[0].disturbances) / found[0].disturbances_std
     assert np.sqrt(np.mean(change**2, axis=0)).max() < 0.02
     assert np.abs(change).max() < 0.1

@@ -13,12 +13,12 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.hull_rounds import (
-    DiveJob,
-    DiveRounds,
-    SmoothedDive,
+    CalibrationRounds,
+    SmoothedProfile,
+    SmoothingJob,
     bounded_step,
     pooled_factor,
-    smoothed_dive,
+    smoothed_profile,
 )
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform
@@ -156,13 +156,13 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
 
 def test_rounds_that_the_steady_glides_contradict_are_refused(records, monkeypatch):
     """The dives lead to too large a drag: still better than the platform, but worse than the fit of the trim."""
-    run = DiveRounds.run
+    run = CalibrationRounds.run
 
-    def misled(self, start):
-        found = run(self, start)
+    def misled(self, start, *limits):
+        found = run(self, start, *limits)
         return replace(found, platform=with_values(found.platform, {"viscous.K_D0": 13.0}))
 
-    monkeypatch.setattr(DiveRounds, "run", misled)
+    monkeypatch.setattr(CalibrationRounds, "run", misled)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
     assert isinstance(found, HullFromGlides)
     assert "larger error of depth rate than the fit of its trim alone on the profiles fitted" in found.notes[-1]
@@ -206,7 +206,7 @@ def test_a_hull_far_beyond_its_plausible_deviations_is_refused(records, monkeypa
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1}).dives.rounds
     eta = np.zeros(len(found.parameters))
     eta[2] = 8.0
-    monkeypatch.setattr(DiveRounds, "run", lambda *_: replace(found, eta=eta, full_step=np.zeros_like(eta)))
+    monkeypatch.setattr(CalibrationRounds, "run", lambda *_: replace(found, eta=eta, full_step=np.zeros_like(eta)))
     refused = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 1})
     assert isinstance(refused, HullFromGlides)
     assert f"{found.parameters[2].key} by +8.0 of them; chi-square 64" in refused.failure
@@ -297,8 +297,8 @@ def test_the_side_force_of_a_dive_in_gusts_does_not_count(rough, brief):
     """It has another prior there, to which the mission's factor does not apply."""
     for path, gusty in ((rough, True), (brief, False)):
         with open_observations(path) as opened:
-            job = DiveJob(opened.path, opened.survey, PETREL, 1, (), EstimationSettings(), np.ones(6))
-            found = smoothed_dive(job)
+            job = SmoothingJob(opened.path, opened.survey, PETREL, 1, (), EstimationSettings(), np.ones(6))
+            found = smoothed_profile(job)
         assert ((found.noise > 0.0).all(axis=0) == [True, not gusty, True, True, True, True]).all()
 
 
@@ -306,16 +306,16 @@ def test_the_noise_follows_all_dives_together():
     """One channel is quieter and one louder than the prior; a dive without an estimate is not used."""
     spent, resolved = np.full(6, 50.0), np.full(6, 50.0)
     spent[0], spent[5] = 5.0, 500.0
-    dives = [SmoothedDive(i, np.datetime64("2024-01-01"), noise=np.array([spent, resolved])) for i in (1, 2)]
-    dives.append(SmoothedDive(3, np.datetime64("NaT", "ns"), message="no attitude"))
+    dives = [SmoothedProfile(i, np.datetime64("2024-01-01"), noise=np.array([spent, resolved])) for i in (1, 2)]
+    dives.append(SmoothedProfile(3, np.datetime64("NaT", "ns"), message="no attitude"))
     np.testing.assert_allclose(pooled_factor(dives), [11 / 101, 1.0, 1.0, 1.0, 1.0, 1001 / 101])
 
 
 def test_the_steady_glide_fit_is_returned_if_no_dive_can_be_smoothed(records, monkeypatch):
     def fail(job):
-        return SmoothedDive(job.number, np.datetime64("NaT", "ns"), message="no attitude")
+        return SmoothedProfile(job.number, np.datetime64("NaT", "ns"), message="no attitude")
 
-    monkeypatch.setattr("gliderhpc.mission.hull_rounds.smoothed_dive", fail)
+    monkeypatch.setattr("gliderhpc.mission.hull_rounds.smoothed_profile", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert isinstance(found, HullFromGlides)
     assert "no dive could be smoothed, the first because no attitude" in found.notes[-1]

@@ -323,8 +323,8 @@ def _sabotage(monkeypatch, engine):
         return np.full_like(start, np.nan) if calls[-1] and sum(calls) == 3 else start
 
     if engine == "lanes":
-        put = LaneBatch.put
-        monkeypatch.setattr(LaneBatch, "put", lambda batch, lane, task: put(batch, lane, (task[0], corrupted(*task))))
+        load = LaneBatch.load
+        monkeypatch.setattr(LaneBatch, "load", lambda batch, lane, task: load(batch, lane, (task[0], corrupted(*task))))
     else:
         solve = engines.solve_window
         monkeypatch.setattr(

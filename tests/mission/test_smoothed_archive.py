@@ -24,7 +24,7 @@ from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import iterate
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.posterior import adjoint_deviation
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.profile_rows import STATES, hull_row
@@ -67,7 +67,7 @@ def filtered(prepared):
 
 @pytest.fixture(scope="module")
 def smoothed(prepared, filtered):
-    return smooth_dive(prepared, filtered, SETTINGS)
+    return run_smoother(prepared, filtered, SETTINGS)
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +222,7 @@ def test_the_group_of_the_hull(brief_store, carried, group):
 @pytest.mark.parametrize("how", ["not finite", "negative"])
 def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, carried, smoothed, monkeypatch, how):
     """The hull's deviations are then those of the platform file, without the information of the dive."""
-    real = estimation.smoothed_dive_information
+    real = estimation.smoothed_hull_information
 
     def lost(*given):
         found = real(*given)
@@ -230,7 +230,7 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
             return replace(found, score=np.full_like(found.score, np.nan))
         return replace(found, information=found.information - 10.0 * np.eye(len(found.score)))
 
-    monkeypatch.setattr(estimation, "smoothed_dive_information", lost)
+    monkeypatch.setattr(estimation, "smoothed_hull_information", lost)
     found = estimate_profile(prepared, SETTINGS, with_hull=True)
     assert (found.smoothed.states_std[50:, 6] > carried.smoothed.states_std[50:, 6]).all()
     assert (found.smoothed.states_std[50:, 6] > smoothed.states_std[::EVERY][50:, 6]).all()
@@ -241,14 +241,14 @@ def test_intervals_keep_the_hull_s_part_where_the_dive_says_nothing(prepared, ca
 
 
 def test_a_dive_that_fails_under_another_noise_narrows_its_own_intervals_alone(prepared, carried, monkeypatch):
-    real = estimation.smoothed_dive_information
+    real = estimation.smoothed_hull_information
 
     def corrupted(*given):
         found = real(*given)
         (score, matrix), *others = found.others
         return replace(found, others=((score, matrix - 10.0 * np.eye(len(score))), *others))
 
-    monkeypatch.setattr(estimation, "smoothed_dive_information", corrupted)
+    monkeypatch.setattr(estimation, "smoothed_hull_information", corrupted)
     found = estimate_profile(prepared, SETTINGS, with_hull=True)
     np.testing.assert_array_equal(found.smoothed.states_std, carried.smoothed.states_std)
     assert np.isnan(hull_row(found.hull)["score"]).all()
@@ -292,7 +292,7 @@ def test_a_profile_that_cannot_be_smoothed_is_done_all_the_same(brief, tmp_path,
 
     from_prior, store = tmp_path / "prior.zarr", tmp_path / "refused.zarr"
     run(brief, from_prior, "--start", "prior")
-    monkeypatch.setattr(iterate, "pose_dive", refuse)
+    monkeypatch.setattr(iterate, "pose_problem", refuse)
     run(brief, store)
     assert check_archive(store) == []
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(from_prior, engine="zarr") as before:
@@ -328,19 +328,19 @@ def test_a_diverged_smoother_is_reported_in_the_message(prepared, filtered, monk
 
 
 def test_a_dive_whose_noise_cannot_be_followed_is_smoothed_with_the_priors(prepared, filtered, monkeypatch):
-    pose = iterate.pose_dive
+    pose = iterate.pose_problem
 
     def only_steady(profile, estimate, settings, factor, **water):
         if settings.smoother.adaptive:
             raise ProfileError("no estimate")
         return pose(profile, estimate, settings, factor, **water)
 
-    monkeypatch.setattr(iterate, "pose_dive", only_steady)
-    smoothed = smooth_dive(prepared, filtered, SETTINGS)
+    monkeypatch.setattr(iterate, "pose_problem", only_steady)
+    smoothed = run_smoother(prepared, filtered, SETTINGS)
     assert "noise is the prior's" in smoothed.simplified
     assert smoothed.outcome.usable
     steady = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"adaptive": False})})
-    np.testing.assert_array_equal(smoothed.disturbances, smooth_dive(prepared, filtered, steady).disturbances)
+    np.testing.assert_array_equal(smoothed.disturbances, run_smoother(prepared, filtered, steady).disturbances)
     monkeypatch.setattr(estimation, "run_filter", lambda *_: filtered)
     estimate = estimate_profile(prepared, SETTINGS)
     assert any(
@@ -352,9 +352,9 @@ def test_faults_of_the_program_are_not_hidden(prepared, filtered, monkeypatch):
     def fail(*_, **__):
         raise TypeError("a bug")
 
-    monkeypatch.setattr(iterate, "pose_dive", fail)
+    monkeypatch.setattr(iterate, "pose_problem", fail)
     with pytest.raises(TypeError, match="a bug"):
-        smooth_dive(prepared, filtered, SETTINGS)
+        run_smoother(prepared, filtered, SETTINGS)
 
 
 def test_only_records_are_stored(prepared):
@@ -367,8 +367,8 @@ def test_only_records_are_stored(prepared):
 
 def test_the_smoother_s_kernels_are_compiled_beforehand(monkeypatch):
     smoothed = []
-    real = estimation.smooth_dive
-    monkeypatch.setattr(estimation, "smooth_dive", lambda *a: smoothed.append(real(*a)) or smoothed[-1])
+    real = estimation.run_smoother
+    monkeypatch.setattr(estimation, "run_smoother", lambda *a: smoothed.append(real(*a)) or smoothed[-1])
     warm_kernels()
     assert len(smoothed) == 1
     assert smoothed[0].passes >= 1

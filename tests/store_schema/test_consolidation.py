@@ -11,7 +11,7 @@ from zarr.storage import MemoryStore
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import consolidate, create_archive, create_study, finish_study
 from gliderhpc.store_schema.consolidation import consolidate_store, stored_metadata
-from gliderhpc.store_schema.place import store_at
+from gliderhpc.store_schema.location import store_at
 
 pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata", "ignore:Object at")
 SIZES = {"sample": 5, "record": 4, "window": 3, "segment": 2}

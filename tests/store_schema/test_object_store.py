@@ -13,7 +13,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError
 from gliderhpc.mission.lock import locked
 from gliderhpc.store_schema import ArchiveRows, create_study, finish_study, read_commits, restored_on_error
-from gliderhpc.store_schema.place import store_at
+from gliderhpc.store_schema.location import store_at
 
 obstore = pytest.importorskip("obstore", reason="the extra 'cloud' is not installed")
 pytest.importorskip("moto.server", reason="moto's server, the S3 server of these tests, is not installed")

@@ -485,7 +485,7 @@ def test_a_damaged_text_chunk_takes_no_memory(tmp_path):
 
 def test_opening_an_archive_registers_its_codecs():
     code = (
-        "import gliderhpc.store_schema.place, zarr; "
+        "import gliderhpc.store_schema.location, zarr; "
         "print(zarr.registry.get_codec_class('blosc').__name__, zarr.registry.get_codec_class('vlen-utf8').__module__)"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -27,7 +27,7 @@ from gliderhpc.store_schema import (
     write_whole,
 )
 from gliderhpc.store_schema.commits import as_texts, row_arrays, row_chunks, stored_digests
-from gliderhpc.store_schema.place import store_at
+from gliderhpc.store_schema.location import store_at
 from gliderhpc.store_schema.schema import COMMITS, DIGESTS, MANIFEST, study_called
 from gliderhpc.store_schema.study_groups import complete_manifests, table_digests
 

@@ -17,7 +17,7 @@ def results() -> dict[str, object]:
     """Solve one window in the last lane."""
     data = window_data(disturbance=impulse())
     batch = LaneBatch(EstimationSettings())
-    batch.put(LANES - 1, (data, at_rest(data)))
+    batch.load(LANES - 1, (data, at_rest(data)))
     ((_, solution),) = batch.run()
     return {
         "lanes": LANES,

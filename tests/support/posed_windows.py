@@ -10,7 +10,7 @@ from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowPlan
-from gliderhpc.estimation.windows import DiveProblem, WindowData, WindowSolution, WindowTask
+from gliderhpc.estimation.windows import ProfileProblem, WindowData, WindowSolution, WindowTask
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import SteadyGlide, steady_glide
 from gliderhpc.kernels.quasi_newton import run_until_done
@@ -68,7 +68,7 @@ def posed_dive(
     start: Array,
     plan: WindowPlan,
     vibrating: Array | None = None,
-) -> DiveProblem:
+) -> ProfileProblem:
     """Pose a dive under model controls, from a filter with given states and a constant disturbance."""
     rows = len(measured)
     series = ProfileSeries(
@@ -81,7 +81,7 @@ def posed_dive(
         default_prior(glider.platform),
     )  # fmt: skip
     vibrating = np.zeros(rows, dtype=bool) if vibrating is None else vibrating
-    return DiveProblem(PreparedProfile(glider, series, glider.bodies(controls), vibrating), filtered, start, plan)
+    return ProfileProblem(PreparedProfile(glider, series, glider.bodies(controls), vibrating), filtered, start, plan)
 
 
 def impulse(steps: int = 300) -> Array:
@@ -102,7 +102,7 @@ def solve_together(
     """Solutions of windows put side by side, in their order."""
     batch, solutions = LaneBatch(settings, run), {}
     for lane, task in enumerate(tasks):
-        batch.put(lane, task)
+        batch.load(lane, task)
     while len(solutions) < len(tasks):
         solutions.update(batch.run())
     return [solutions[lane] for lane in range(len(tasks))]

@@ -8,7 +8,7 @@ import pytest
 from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.kernels.smoother_memory import SmootherProblem
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator.disturbance import RandomProcess
 from gliderhpc.simulator.sections import GaussMarkov
@@ -42,13 +42,13 @@ class Flown:
 
     Attributes
     ----------
-    dive : Dive
+    problem : SmootherProblem
         The problem.
     states, disturbances : (n+1, 12), (n, 6)
         Truth.
     """
 
-    dive: Dive
+    problem: SmootherProblem
     states: np.ndarray
     disturbances: np.ndarray
 
@@ -57,7 +57,7 @@ class Flown:
         """Trajectory of the undisturbed glide from the prior's initial state."""
         n = len(self.disturbances)
         state = np.zeros(12)
-        state[SENSED] = self.dive.mean[:10]
+        state[SENSED] = self.problem.mean[:10]
         return Trajectory(PETREL.simulate(state, controls(n), np.zeros((n, 6)), H), np.zeros((n + 1, 6)))
 
     @property
@@ -65,7 +65,7 @@ class Flown:
         """The glide's speeds and rates, attitude and depth as measured: no trajectory of the model."""
         path = self.glide
         every = np.arange(len(path.states))
-        for index, column in zip(MEASURED, self.dive.measured.T, strict=True):
+        for index, column in zip(MEASURED, self.problem.measured.T, strict=True):
             known = np.isfinite(column)
             path.states[:, index] = np.interp(every, every[known], column[known])
         return path
@@ -88,12 +88,12 @@ def fly(seed, n, every=10, turn=0.0):
     measured = np.full((n + 1, 4), np.nan)
     measured[::every] = states[::every][:, MEASURED] + NOISE * rng.standard_normal((n // every + 1, 4))
     added = DEVIATION**2 * -np.expm1(-2.0 * H / TIME)
-    dive = Dive(
+    problem = SmootherProblem(
         bodies=PETREL.bodies(controls(n)), step=H, fed=np.isfinite(measured).any(axis=1), measured=measured,
         variance=np.tile(NOISE**2, (n + 1, 1)), mean=mean, deviation=np.concatenate([START_DEVIATION, DEVIATION]),
         decay=np.exp(-H / TIME), noise=np.tile(added, (n, 1)), damping=np.full(6, np.inf),
     )  # fmt: skip
-    return Flown(dive, states, 0.5 * (fine[::2] + fine[1::2]))
+    return Flown(problem, states, 0.5 * (fine[::2] + fine[1::2]))
 
 
 def with_measured(dive, measured):
@@ -111,5 +111,5 @@ def with_velocity(flown, measured, seed=8):
     velocity = flown.states[:, 6:9] + 0.02 * rng.standard_normal((len(measured), 3))
     velocity[~np.isfinite(measured).any(axis=1)] = np.nan
     velocity[10, 0] = np.nan
-    variance = np.hstack([flown.dive.variance, np.full((len(measured), 3), 4e-4)])
+    variance = np.hstack([flown.problem.variance, np.full((len(measured), 3), 4e-4)])
     return np.hstack([measured, velocity]), variance

@@ -1,1 +1,1 @@
-"""The iterated smoother of whole dives: its maximum a posteriori problem, iteration and noise models."""
+"""The iterated smoother of whole profiles: its maximum a posteriori problem, iteration and noise models."""

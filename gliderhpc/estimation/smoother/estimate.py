@@ -1,4 +1,4 @@
-"""Estimate of the smoother for a dive, with standard deviations, and the filter's estimate as the fallback."""
+"""Estimate of the smoother for a profile, with standard deviations, and the filter's estimate as the fallback."""
 
 from dataclasses import dataclass, replace
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import FilterEstimate
-from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.kernels.smoother_memory import SmootherProblem
 from gliderhpc.outcomes import Outcome
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ class SmoothedEstimate:
     passes : int
         Number of linearisations.
     damped : int
-        Number of passes whose move was shortened or not made at all.
+        Number of passes whose move was shortened or rejected.
     movement : float
         Move of the last pass, in standard deviations, root mean square over rows and states.
     noise_factor : (6,)
@@ -45,11 +45,11 @@ class SmoothedEstimate:
     outcome : Outcome
         Outcome of the smoother; if it is not usable, the values are the filter's and the standard deviations NaN.
     failure : str
-        Error that ended the smoother early; usually empty.
+        Error that ended the smoother early; empty if there was none.
     simplified : str
-        What was simplified because no estimate was found otherwise (`smooth_dive`); usually empty.
+        Simplification without which there was no estimate (`run_smoother`); empty if there was none.
     unscaled : tuple of int
-        Channels whose noise has no factor of the dive's own, since gusts rolled the glider (`pose_dive`).
+        Channels whose noise is not scaled to the profile, since gusts rolled the glider (`pose_problem`).
     last_pass : LastPass, optional
         Final state of the problem; not retained by `thinned`.
     """
@@ -83,17 +83,17 @@ class SmoothedEstimate:
 
 @dataclass(frozen=True, eq=False)
 class LastPass:
-    """A dive's problem at the end of the smoother, and the noise from its last pass.
+    """A profile's problem at the end of the smoother, and the noise from its last pass.
 
     Attributes
     ----------
-    dive : Dive
+    problem : SmootherProblem
         Problem with the last variances and noise.
     noise_mean, noise_resolved : (n, 6), (n, 6)
         Mean of the noise and its resolved part, as in `gliderhpc.kernels.smoother_memory.Backward`.
     """
 
-    dive: Dive
+    problem: SmootherProblem
     noise_mean: Array
     noise_resolved: Array
 

@@ -1,6 +1,6 @@
-"""Derivatives of a dive's problem by the errors of the hull and of its records, in plausible deviations.
+"""Derivatives of a profile's problem with respect to errors of the hull and of its records, in plausible deviations.
 
-These errors change the hull's constants, the mass properties along the dive, the corrected samples, and the prior of
+These errors change the hull's constants, the mass properties along the profile, the corrected samples, and the prior of
 the initial state, which is guessed from the first samples and the hull's steady glide.
 """
 
@@ -19,7 +19,7 @@ from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter, with_v
 from gliderhpc.flight.packing import hull_of, masses_of
 from gliderhpc.flight.steady_glide import glide_coefficients
 from gliderhpc.kernels.sensitivity_memory import Forcing
-from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.kernels.smoother_memory import SmootherProblem
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform, Sensors
 
@@ -32,7 +32,7 @@ _DIFFERENCE_STEP = 1e-3
 
 def hull_forcing(
     profile: PreparedProfile,
-    dive: Dive,
+    problem: SmootherProblem,
     records: RecordSettings,
     parameters: Sequence[HullParameter],
     attitude_and_depth: Array,
@@ -43,7 +43,7 @@ def hull_forcing(
     ----------
     profile : PreparedProfile
         Profile on its ``n`` steps, with the hull about which the derivatives are taken.
-    dive : Dive
+    problem : SmootherProblem
         Problem of the profile.
     records : RecordSettings
         Corrections of the records, made after those of the hull's sensors.
@@ -55,11 +55,11 @@ def hull_forcing(
     """
     platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)
-    moving = [j for j, p in enumerate(parameters) if _may_move_bodies(platform, p)]
+    moving = [j for j, p in enumerate(parameters) if _may_change_bodies(platform, p)]
     reading = [j for j, p in enumerate(parameters) if _shifts_measurements(p)]
     bodies, row = _body_slopes(profile, [parameters[j] for j in moving])
-    fed = np.flatnonzero(dive.fed)
-    number = np.zeros(len(dive.fed), dtype=np.int64)
+    fed = np.flatnonzero(problem.fed)
+    number = np.zeros(len(problem.fed), dtype=np.int64)
     number[fed] = np.arange(len(fed))
     return Forcing(
         constant=constant,
@@ -69,7 +69,7 @@ def hull_forcing(
         bodies=bodies,
         row=row,
         reading=np.array(reading, dtype=np.int64),
-        samples=fed_sample_slopes(profile, dive, records, parameters, attitude_and_depth),
+        samples=fed_sample_slopes(profile, problem, records, parameters, attitude_and_depth),
         number=number,
         start=_start_slopes(profile, records, parameters),
     )
@@ -77,19 +77,19 @@ def hull_forcing(
 
 def fed_sample_slopes(
     profile: PreparedProfile,
-    dive: Dive,
+    problem: SmootherProblem,
     records: RecordSettings,
     parameters: Sequence[HullParameter],
     attitude_and_depth: Array,
 ) -> Array:
     """Differentiate the fed samples ``(f, 4, r)`` by the errors of the records, with arguments as in `hull_forcing`."""
-    fed, rates = np.flatnonzero(dive.fed), depth_rate(profile.series)
-    found = [
+    fed, rates = np.flatnonzero(problem.fed), depth_rate(profile.series)
+    slopes = [
         sample_slopes(profile.glider.platform, records, p, attitude_and_depth[fed], rates[fed])
         for p in parameters
         if _shifts_measurements(p)
     ]
-    return np.ascontiguousarray(np.stack(found, axis=2)) if found else np.zeros((len(fed), 4, 0))
+    return np.ascontiguousarray(np.stack(slopes, axis=2)) if slopes else np.zeros((len(fed), 4, 0))
 
 
 def velocity_offsets(samples: int, deviation: float) -> Array:
@@ -158,7 +158,7 @@ def _shifts_measurements(parameter: HullParameter) -> bool:
     return parameter.key.startswith(_RECORDS) and parameter.key != ACTUATOR_LAG
 
 
-def _may_move_bodies(platform: Platform, parameter: HullParameter) -> bool:
+def _may_change_bodies(platform: Platform, parameter: HullParameter) -> bool:
     moved = _moved(platform, parameter, 1.0)
     return masses_of(moved) != masses_of(platform) or parameter.key.startswith(("buoyancy.", ACTUATOR_LAG))
 
@@ -171,25 +171,25 @@ def _body_slopes(profile: PreparedProfile, moving: Sequence[HullParameter]) -> t
     """
     platform, series = profile.glider.platform, profile.series
     controls = controls_of(platform, series)
-    change = np.append(True, (controls[1:] != controls[:-1]).any(axis=1))
-    near = change | np.append(change[1:], False) | np.append(False, change[:-1])
-    firsts = np.flatnonzero(near)
-    where = _at_steps(series, firsts)
-    slopes = np.empty((len(firsts), len(moving), 11))
+    changes = np.append(True, (controls[1:] != controls[:-1]).any(axis=1))
+    computed = changes | np.append(changes[1:], False) | np.append(False, changes[:-1])
+    steps = np.flatnonzero(computed)
+    series_there = _at_steps(series, steps)
+    slopes = np.empty((len(steps), len(moving), 11))
     for j, parameter in enumerate(moving):
         if parameter.key == ACTUATOR_LAG:
-            slopes[:, j] = -parameter.slope(platform, 0.0) * _body_rates(profile, firsts)
+            slopes[:, j] = -parameter.slope(platform, 0.0) * _body_rates(profile, steps)
             continue
-        ahead, behind = (_bodies(_moved(platform, parameter, sign), where) for sign in (1.0, -1.0))
-        slopes[:, j] = 0.5 * (ahead - behind)
-    return slopes, np.cumsum(near) - 1
+        above, below = (_bodies(_moved(platform, parameter, sign), series_there) for sign in (1.0, -1.0))
+        slopes[:, j] = 0.5 * (above - below)
+    return slopes, np.cumsum(computed) - 1
 
 
 def _body_rates(profile: PreparedProfile, steps: NDArray[np.int64]) -> Array:
     """Rates ``(s, 11)``, 1/s, at which the actuators change the mass properties at some steps."""
     series, platform = profile.series, profile.glider.platform
     later, earlier = (
-        replace(_at_steps(series, steps), controls=_moved_rows(series.controls, by)[steps]) for by in (1, -1)
+        replace(_at_steps(series, steps), controls=_shifted_rows(series.controls, shift)[steps]) for shift in (1, -1)
     )
     return (_bodies(platform, later) - _bodies(platform, earlier)) / (2.0 * series.step)
 
@@ -200,9 +200,9 @@ def _at_steps(series: ProfileSeries, steps: NDArray[np.int64]) -> ProfileSeries:
     return replace(series, controls=series.controls[steps], seawater=seawater)
 
 
-def _moved_rows(rows: Array, by: int) -> Array:
-    """Return the rows ``by`` places further on, the last or first one repeated at the end."""
-    return rows[np.clip(np.arange(len(rows)) + by, 0, len(rows) - 1)]
+def _shifted_rows(rows: Array, shift: int) -> Array:
+    """Return for each row the one ``shift`` rows later, or the last or first one beyond the ends."""
+    return rows[np.clip(np.arange(len(rows)) + shift, 0, len(rows) - 1)]
 
 
 def _bodies(platform: Platform, series: ProfileSeries) -> Array:
@@ -235,9 +235,9 @@ def sample_slopes(
         pitch = measurements[:, 1] + records.pitch_scale * np.radians(records.pitch_offset)
         out[:, 1] = parameter.slope(platform, 0.0) * pitch / sensors.pitch_scale
     elif name in ("heading_offset", "heading_deviation"):
-        between = _heading_read(measurements[:, 2], records)
-        term = harmonics(_heading_read(between, sensors))[:, int(index[0])] if index else 1.0
-        out[:, 2] = -degree * term * _correction_slope(between, records)
+        after_sensors = _heading_before(measurements[:, 2], records)
+        harmonic = harmonics(_heading_before(after_sensors, sensors))[:, int(index[0])] if index else 1.0
+        out[:, 2] = -degree * harmonic * _correction_slope(after_sensors, records)
     elif name == "depth_lag":
         out[:, 3] = parameter.slope(platform, 0.0) * rates
     else:
@@ -254,7 +254,7 @@ def _correction_slope(read: Array, errors: RecordSettings) -> Array:
     )  # fmt: skip
 
 
-def _heading_read(heading: Array, errors: RecordSettings | Sensors) -> Array:
+def _heading_before(heading: Array, errors: RecordSettings | Sensors) -> Array:
     """Heading before a correction, by fixed-point iteration, which converges since the correction's slope is small."""
     if not any(errors.heading_deviation):
         return np.asarray(heading + np.radians(errors.heading_offset))
@@ -271,14 +271,14 @@ def _start_slopes(profile: PreparedProfile, records: RecordSettings, parameters:
     rates = depth_rate(first)
     out = np.zeros((len(parameters), 16))
     for j, parameter in enumerate(parameters):
-        ahead, behind = (_moved(platform, parameter, sign * _DIFFERENCE_STEP) for sign in (1.0, -1.0))
+        above, below = (_moved(platform, parameter, sign * _DIFFERENCE_STEP) for sign in (1.0, -1.0))
         if _shifts_measurements(parameter):
             change = _DIFFERENCE_STEP * sample_slopes(platform, records, parameter, first.measurements, rates)
-        elif glide_coefficients(ahead) != glide_coefficients(behind):
+        elif glide_coefficients(above) != glide_coefficients(below):
             change = np.zeros_like(first.measurements)
         else:
             continue
-        out[j, :10] = (_first_guess(ahead, first, change) - _first_guess(behind, first, -change)) / (
+        out[j, :10] = (_first_guess(above, first, change) - _first_guess(below, first, -change)) / (
             2.0 * _DIFFERENCE_STEP
         )
     return out

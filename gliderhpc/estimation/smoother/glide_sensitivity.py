@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.information import DiveInformation
+from gliderhpc.estimation.smoother.information import HullInformation
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -38,7 +38,7 @@ class GlideSensitivity(NamedTuple):
 
 
 def glide_sensitivity(
-    profile: PreparedProfile, smoothed: SmoothedEstimate, information: DiveInformation, every: int
+    profile: PreparedProfile, smoothed: SmoothedEstimate, information: HullInformation, every: int
 ) -> GlideSensitivity:
     """Compute the derivatives in steady glide from those at the records.
 
@@ -46,8 +46,8 @@ def glide_sensitivity(
     ----------
     profile : PreparedProfile
         The profile on its ``n`` steps.
-    smoothed, information : SmoothedEstimate, DiveInformation
-        Smoothed estimate, and the dive's sensitivities, both at the records.
+    smoothed, information : SmoothedEstimate, HullInformation
+        Smoothed estimate, and the profile's sensitivities, both at the records.
     every : int
         Number of steps from record to record.
     """

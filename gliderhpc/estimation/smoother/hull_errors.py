@@ -1,4 +1,4 @@
-"""Errors of a hull and its records as the platform file states them."""
+"""Errors of a hull and its records: their distribution, its update by a profile, and a test of the two."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from gliderhpc.platform import Platform
 Array = NDArray[np.float64]
 
 _UNINFORMATIVE = 1e-3
-"""Information of a dive below which a direction is left out of its comparison with the known errors."""
+"""Information of a profile on a direction, below which the direction is left out of a comparison with known errors."""
 
 _MIN_PROBABILITY = 0.01
-"""Probability of a chi-square below which a dive contradicts the known errors."""
+"""Probability of a chi-square below which a profile contradicts the known errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +34,17 @@ class HullErrors:
 
     def contradicted_by(self, score: Array, information: Array) -> bool:
         """Return whether a score ``(p,)`` with information ``(p, p)`` is improbable under these errors."""
-        informed = InformedDirections.of(information)
-        chi_square, freedom = informed.disagreement(score - information @ self.mean, self.covariance)
+        directions = InformedDirections.of(information)
+        chi_square, freedom = directions.disagreement(score - information @ self.mean, self.covariance)
         return chi_square_tail(float(chi_square), int(freedom)) < _MIN_PROBABILITY
 
-    def after(self, score: Array, information: Array) -> "HullErrors":
-        """Errors after a dive's score ``(p,)`` and information ``(p, p)``.
+    def updated(self, score: Array, information: Array) -> "HullErrors":
+        """Return the posterior of the errors, given a profile's score ``(p,)`` and information ``(p, p)``.
 
-        Their covariance is ``(I + C^-1)^-1``; C, which may be singular, is not inverted.
+        Its covariance is ``(I + C^-1)^-1``; C, which may be singular, is not inverted.
         """
-        smaller = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ information, self.covariance)
-        covariance = 0.5 * (smaller + smaller.T)
+        posterior = np.linalg.solve(np.eye(len(self.mean)) + self.covariance @ information, self.covariance)
+        covariance = 0.5 * (posterior + posterior.T)
         return HullErrors(self.mean + covariance @ (score - information @ self.mean), covariance)
 
 
@@ -55,7 +55,7 @@ def stated_errors(platform: Platform, parameters: Sequence[HullParameter]) -> Hu
 
 @dataclass(frozen=True, eq=False)
 class InformedDirections:
-    """Directions in which dives have information on the errors: eigenvectors of their information.
+    """Directions in which profiles have information on the errors: eigenvectors of their information.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class InformedDirections:
         return InformedDirections(weight[..., None] * self.values, self.vectors)
 
     def disagreement(self, score: Array, covariance: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Return chi-square of dives relative to errors that were estimated without them, and degrees of freedom.
+        """Return chi-square of profiles relative to errors that were estimated without them, and degrees of freedom.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class InformedDirections:
 
         Notes
         -----
-        The score has the covariance ``I + I C I``. Directions in which a dive has no information are left out.
+        The score has the covariance ``I + I C I``. Directions in which a profile has no information are left out.
         """
         known = self.values > _UNINFORMATIVE
         root = np.sqrt(np.where(known, self.values, 1.0))

@@ -1,4 +1,4 @@
-"""Information of a dive on the errors of its hull and records, and the sensitivity of the smoothed estimate to them.
+"""Information of a profile on the errors of its hull and records, and the sensitivity of the smoothed estimate to them.
 
 The errors ``eta`` are those of `gliderhpc.flight.hull_parameters`, in plausible deviations. Information and score come
 from a filter about a run of the model, or about its own path where no run follows the glider (`steered_run`).
@@ -49,7 +49,7 @@ from gliderhpc.kernels.sensitivity_memory import (
 )
 from gliderhpc.kernels.smoother import run_path
 from gliderhpc.kernels.smoother_allocation import allocate_segments
-from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, Dive
+from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, SmootherProblem
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -72,7 +72,7 @@ class Sensitivity:
     Attributes
     ----------
     displacement, states, disturbances : (2, p), (m, 12, p), (k, 6, p)
-        As in `DiveInformation`.
+        As in `HullInformation`.
     """
 
     displacement: Array
@@ -82,17 +82,17 @@ class Sensitivity:
     def first(self, count: int) -> "Sensitivity":
         """Return the sensitivity to the first errors alone."""
         columns = (self.displacement, self.states, self.disturbances)
-        return Sensitivity(*(np.ascontiguousarray(each[..., :count]) for each in columns))
+        return Sensitivity(*(np.ascontiguousarray(column[..., :count]) for column in columns))
 
 
 @dataclass(frozen=True, eq=False)
 class RecordErrors:
-    """Errors of a dive's record that are not the hull's: of a measured velocity, and by vertical motion of the water.
+    """Errors of a profile's record other than the hull's: of a measured velocity, and by the water's vertical motion.
 
     Attributes
     ----------
     mean, covariance : (k,), (k, k)
-        Mean of the errors after the dive, in plausible deviations, and their covariance marginalised over the hull's
+        Mean of the errors after the profile, in plausible deviations, and their covariance marginalised over the hull's
         errors (`split_sensitivity`). First those of the forward, lateral and normal velocity if they were measured,
         then those of the water's vertical motion if there is any (`gliderhpc.estimation.smoother.vertical_motion`).
     sensitivity : Sensitivity
@@ -105,8 +105,8 @@ class RecordErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class DiveInformation:
-    """Information of one dive on ``p`` errors of its hull and records, in plausible deviations from the platform.
+class HullInformation:
+    """Information of one profile on ``p`` errors of its hull and records, in plausible deviations from the platform.
 
     Attributes
     ----------
@@ -150,21 +150,21 @@ class DiveInformation:
 
     @property
     def is_sound(self) -> bool:
-        """Return whether everything is finite and no information is negative; on a wrong hull it may be."""
+        """Return whether everything is finite and no information is negative, as it may be on a wrong hull."""
         return self.narrows_errors and all(_is_sound(*other) for other in self.others)
 
     @property
     def narrows_errors(self) -> bool:
-        """Return whether the same holds for the dive's own noise, whatever the other assumptions give."""
+        """Return whether the same holds for the profile's own noise, regardless of the other assumptions."""
         return self.has_sensitivities and _is_sound(self.score, self.information)
 
-    def without_information(self) -> "DiveInformation":
+    def without_information(self) -> "HullInformation":
         """Return the same with NaN in place of score and information."""
         others = tuple((np.full_like(score, np.nan), np.full_like(matrix, np.nan)) for score, matrix in self.others)
         score, information = np.full_like(self.score, np.nan), np.full_like(self.information, np.nan)
         return replace(self, score=score, information=information, others=others)
 
-    def without_records(self) -> "DiveInformation":
+    def without_records(self) -> "HullInformation":
         """Return the same without the sensitivities at the records, which take most of the memory."""
         return replace(self, states=self.states[:0].copy(), disturbances=self.disturbances[:0].copy(), record=None)
 
@@ -174,10 +174,10 @@ class DiveInformation:
         return all(np.isfinite(values).all() for values in (self.states, self.disturbances, self.displacement))
 
 
-def smoothed_dive_information(
+def smoothed_hull_information(
     profile: PreparedProfile, smoothed: SmoothedEstimate, last: LastPass, settings: EstimationSettings
-) -> DiveInformation:
-    """Compute the information of a smoothed dive on its hull (`dive_information`), at the records of the settings.
+) -> HullInformation:
+    """Compute the information of a smoothed profile on its hull (`hull_information`), at the records of the settings.
 
     Parameters
     ----------
@@ -188,26 +188,26 @@ def smoothed_dive_information(
     settings : EstimationSettings
         Settings of the run.
     """
-    # No sample follows the last row; its disturbance is the previous one, decayed.
-    behind = last.dive.decay * smoothed.disturbances[-1]
-    path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, behind]))
-    return dive_information(
+    # No step follows the last row; its disturbance is the previous one, decayed.
+    last_disturbance = last.problem.decay * smoothed.disturbances[-1]
+    path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, last_disturbance]))
+    return hull_information(
         profile, last, settings.records, path, every=settings.steps_per_record,
         velocity_error=settings.smoother.velocity_error, motion=_motion_prior(profile, settings),
     )  # fmt: skip
 
 
 def _motion_prior(profile: PreparedProfile, settings: EstimationSettings) -> MotionPrior:
-    """Vertical motion of the water: that of the settings, by default what the record suggests."""
-    given = settings.smoother.vertical_motion
-    return motion_prior(profile) if given is None else MotionPrior(given)
+    """Vertical motion of the water from the settings, or by default from the record."""
+    deviation = settings.smoother.vertical_motion
+    return motion_prior(profile) if deviation is None else MotionPrior(deviation)
 
 
-def dive_information(
+def hull_information(
     profile: PreparedProfile, last: LastPass, records: RecordSettings, smoothed: Trajectory, *, every: int,
     velocity_error: float, motion: MotionPrior = STILL,
-) -> DiveInformation:  # fmt: skip
-    """Compute the information of a smoothed dive on its hull.
+) -> HullInformation:  # fmt: skip
+    """Compute the information of a smoothed profile on its hull.
 
     Parameters
     ----------
@@ -227,139 +227,170 @@ def dive_information(
     Notes
     -----
     At the true ``eta`` an innovation has zero expectation given the past. The score ``sum h' e / S`` is therefore
-    unbiased if ``h`` depends on the past only. About the smoothed path it would not: that path contains the noise of
-    the sample itself. With derivatives at the samples as read it would not either. Score and information are therefore
-    computed about a run of the model; the score is then nearly unbiased whatever noise is assumed. Where no run follows
-    the glider, the path of a filter that is linearised about the smoothed one takes its place
+    unbiased if ``h`` depends on the past only. It would be biased about the smoothed path, which contains the noise of
+    the sample itself, and with derivatives at the measured values. Score and information are therefore computed about
+    a run of the model; the score is then nearly unbiased whatever noise is assumed. Where no run follows the glider,
+    the path of a filter that is linearised about the smoothed one takes its place
     (`gliderhpc.estimation.smoother.steered_run.information_path`).
     """
-    platform, dive = profile.glider.platform, last.dive
+    platform, problem = profile.glider.platform, last.problem
     parameters = hull_parameters(platform)
-    rows, hull = np.arange(0, len(dive.fed), every), profile.glider.hull
-    forcing = hull_forcing(profile, dive, records, parameters, smoothed.states[:, MEASURED])
-    velocity = _velocity_offsets(dive, velocity_error)
+    rows = np.arange(0, len(problem.fed), every)
     displacement = displacements(profile.series.time, motion.deviation)
-    moving = vertical_motion_slopes(displacement[dive.fed], dive.measured.shape[1])
-
-    def with_all_errors(forcing: Forcing) -> Forcing:
-        return with_sample_errors(with_sample_errors(forcing, velocity), moving)
-
-    between = segment_rows(dive, rows.tolist())
-    about_smoothed, sensitivity = sensitivity_sweeps(hull, dive, with_all_errors(forcing), smoothed, between, rows)
-
-    def filtered() -> Trajectory:
-        return moved(hull, dive, smoothed, between, without_far_rows(about_smoothed.filtered))
-
-    path = information_path(profile, smoothed, filtered)
-    at_predicted = _predicted(path.states)[:, MEASURED]
-    forcing = forcing._replace(samples=fed_sample_slopes(profile, dive, records, parameters, at_predicted))
-    local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
-    assumed = (local, *other_assumptions(last, local, profile.vibrating))
-    found = sum_information(hull, assumed, with_all_errors(forcing), path, between)
-    by_all = _at_records(sensitivity, rows < len(dive.bodies))
-    stated = stated_errors(platform, parameters).covariance
-    still = len(found[0].score) - displacement.shape[1]
-    # The glider is as much deeper than in water at rest as the water has moved.
-    by_all.states[:, MEASURED[3], still:] += displacement[rows]
-    if not _has_motion(found[0], stated, still, motion.log_odds):
-        motion, found, by_all = STILL, _first(found, still), by_all.first(still)
-    (score, information), *others = (marginal_information(one, len(parameters)) for one in found)
-    by_hull, record = by_all, None
-    if len(found[0].score) > len(parameters):
-        by_hull, record = split_sensitivity(by_all, found[0], stated)
-    return DiveInformation(
+    sample_errors = (
+        _velocity_offsets(problem, velocity_error),
+        vertical_motion_slopes(displacement[problem.fed], problem.measured.shape[1]),
+    )
+    informations, sensitivity = _information_and_sensitivity(
+        profile, last, records, parameters, sample_errors, smoothed, rows
+    )
+    covariance = stated_errors(platform, parameters).covariance
+    without_motion = len(informations[0].score) - displacement.shape[1]
+    # Where the water has moved downwards, the glider is deeper than in water at rest by the same amount.
+    sensitivity.states[:, MEASURED[3], without_motion:] += displacement[rows]
+    if not _has_motion(informations[0], covariance, without_motion, motion.log_odds):
+        motion, informations = STILL, _first(informations, without_motion)
+        sensitivity = sensitivity.first(without_motion)
+    (score, matrix), *others = (marginal_information(each, len(parameters)) for each in informations)
+    record = None
+    if len(informations[0].score) > len(parameters):
+        sensitivity, record = split_sensitivity(sensitivity, informations[0], covariance)
+    return HullInformation(
         parameters=tuple(parameters),
         value=np.array([p.value(platform) for p in parameters]),
         plausible_deviation=np.array([p.deviation(platform) for p in parameters]),
         score=score,
-        information=information,
+        information=matrix,
         others=tuple(others),
-        displacement=by_hull.displacement,
-        states=by_hull.states,
-        disturbances=by_hull.disturbances,
+        displacement=sensitivity.displacement,
+        states=sensitivity.states,
+        disturbances=sensitivity.disturbances,
         record=record,
         vertical_motion=motion.deviation,
     )
 
 
-def _velocity_offsets(dive: Dive, deviation: float) -> Array:
-    """Derivatives of the samples by constant errors of the measured velocity; by none if it is not measured."""
-    samples, channels = int(np.count_nonzero(dive.fed)), dive.measured.shape[1]
+def _information_and_sensitivity(
+    profile: PreparedProfile,
+    last: LastPass,
+    records: RecordSettings,
+    parameters: Sequence[HullParameter],
+    sample_errors: Sequence[Array],
+    smoothed: Trajectory,
+    rows: Rows,
+) -> tuple[tuple[Information, ...], Sensitivity]:
+    """Return the information under each assumption of the noise, and the sensitivity of the estimate at some rows.
+
+    They concern the errors of the hull and then those of the samples, whose derivatives are `sample_errors`.
+    """
+    hull, problem = profile.glider.hull, last.problem
+
+    def with_all_errors(forcing: Forcing) -> Forcing:
+        for slopes in sample_errors:
+            forcing = with_sample_errors(forcing, slopes)
+        return forcing
+
+    forcing = hull_forcing(profile, problem, records, parameters, smoothed.states[:, MEASURED])
+    between = segment_rows(problem, rows.tolist())
+    about_smoothed, sensitivity = sensitivity_sweeps(hull, problem, with_all_errors(forcing), smoothed, between, rows)
+
+    def filtered() -> Trajectory:
+        return moved(hull, problem, smoothed, between, without_far_rows(about_smoothed.filtered))
+
+    path = information_path(profile, smoothed, filtered)
+    at_predicted = _predicted(path.states)[:, MEASURED]
+    forcing = forcing._replace(samples=fed_sample_slopes(profile, problem, records, parameters, at_predicted))
+    local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
+    assumed = (local, *other_assumptions(last, local, profile.vibrating))
+    informations = sum_information(hull, assumed, with_all_errors(forcing), path, between)
+    return informations, _at_records(sensitivity, rows < len(problem.bodies))
+
+
+def _velocity_offsets(problem: SmootherProblem, deviation: float) -> Array:
+    """Derivatives of the samples by constant errors of the velocity; without columns if it is not measured."""
+    samples, channels = int(np.count_nonzero(problem.fed)), problem.measured.shape[1]
     return velocity_offsets(samples, deviation) if channels > len(MEASURED) else np.zeros((samples, channels, 0))
 
 
-def _first(found: Sequence[Information], count: int) -> tuple[Information, ...]:
+def _first(informations: Sequence[Information], count: int) -> tuple[Information, ...]:
     """Return the information on the first errors alone."""
-    return tuple(one._replace(matrix=one.matrix[:count, :count], score=one.score[:count]) for one in found)
+    return tuple(each._replace(matrix=each.matrix[:count, :count], score=each.score[:count]) for each in informations)
 
 
-def _has_motion(found: Information, hull_covariance: Array, others: int, log_odds: float) -> bool:
+def _has_motion(information: Information, hull_covariance: Array, others: int, log_odds: float) -> bool:
     """Return whether vertical motion, whose errors follow the `others`, is probable (`is_probable`)."""
-    matrix = symmetric(found.matrix)
-    if len(found.score) == others or not _is_sound(found.score, matrix):
+    score, matrix = information.score, symmetric(information.matrix)
+    if len(score) == others or not _is_sound(score, matrix):
         return False
-    before = np.eye(others)
-    before[: len(hull_covariance), : len(hull_covariance)] = hull_covariance
-    return is_probable(found.score, matrix, before, log_odds)
+    prior_covariance = np.eye(others)
+    prior_covariance[: len(hull_covariance), : len(hull_covariance)] = hull_covariance
+    return is_probable(score, matrix, prior_covariance, log_odds)
 
 
-def marginal_information(found: Information, parameters: int) -> tuple[Array, Array]:
+def marginal_information(information: Information, parameters: int) -> tuple[Array, Array]:
     """Score and information on the first parameters, marginalised over the errors after them, with unit deviations."""
-    score, matrix, own = found.score, symmetric(found.matrix), slice(parameters)
+    score, matrix, first = information.score, symmetric(information.matrix), slice(parameters)
     if len(score) == parameters:
         return score, matrix
     others = slice(parameters, len(score))
-    among_others = matrix[others, others] + np.eye(len(score) - parameters)
-    through = np.linalg.solve(among_others, matrix[others, own]).T
-    left = matrix[own, own] - through @ matrix[others, own]
-    return score[own] - through @ score[others], 0.5 * (left + left.T)
+    posterior_precision = matrix[others, others] + np.eye(len(score) - parameters)
+    gain = np.linalg.solve(posterior_precision, matrix[others, first]).T
+    marginal = matrix[first, first] - gain @ matrix[others, first]
+    return score[first] - gain @ score[others], 0.5 * (marginal + marginal.T)
 
 
-def _at_records(found: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sensitivity:
+def _at_records(smoothed: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> Sensitivity:
     """Sensitivities at the records; no step follows the last row."""
-    states = np.empty((len(found.states), 12, found.states.shape[2]))
-    states[:, SENSED] = found.states[:, :10]
-    states[:, 3:5] = found.track
-    disturbances = found.states[with_step, 10:]
-    return Sensitivity(np.ascontiguousarray(found.displacement), states, np.ascontiguousarray(disturbances))
+    states = np.empty((len(smoothed.states), 12, smoothed.states.shape[2]))
+    states[:, SENSED] = smoothed.states[:, :10]
+    states[:, 3:5] = smoothed.track
+    disturbances = smoothed.states[with_step, 10:]
+    return Sensitivity(np.ascontiguousarray(smoothed.displacement), states, np.ascontiguousarray(disturbances))
 
 
 def split_sensitivity(
-    by_all: Sensitivity, found: Information, hull_covariance: Array
+    sensitivity: Sensitivity, information: Information, hull_covariance: Array
 ) -> tuple[Sensitivity, RecordErrors]:
-    """Sensitivities to the hull of the estimate that is moved to the mean of the other errors, and these errors.
+    """Separate the errors of the record from those of the hull.
 
     Parameters
     ----------
-    by_all, found : Sensitivity, Information
+    sensitivity, information : Sensitivity, Information
         Sensitivities to, and information on, the hull's ``p`` errors and the others after them, which have unit
         deviations.
     hull_covariance : (p, p)
-        Covariance ``P`` of the hull's errors before the dive.
+        Covariance ``P`` of the hull's errors before the profile.
+
+    Returns
+    -------
+    Sensitivity
+        Sensitivity to the hull's errors of the estimate that is corrected to the mean of the other errors.
+    RecordErrors
+        The other errors after the profile.
 
     Notes
     -----
-    With the information ``M``, the covariance of all errors after the dive is ``C = (M + diag(P, 1)^-1)^-1``. The mean
-    of the others is the part ``o`` of ``C g``, which follows the hull's errors ``h`` by ``-K h``, ``K = (C M)_oh``. The
-    estimate's sensitivity to the hull is therefore ``V_h - V_o K``, and what is left of the others has the covariance
-    ``C_oo - K P K'``. Information that is negative or not finite, as a wrong hull may give, is not used.
+    With the information ``M``, the covariance of all errors after the profile is ``C = (M + diag(P, 1)^-1)^-1``. The
+    mean of the others is the part ``o`` of ``C g``, which follows the hull's errors ``h`` by ``-K h``, ``K = (C
+    M)_oh``. The estimate's sensitivity to the hull is therefore ``V_h - V_o K``, and what is left of the others has the
+    covariance ``C_oo - K P K'``. Information that is negative or not finite, as a wrong hull may give, is not used.
     """
-    parameters = len(hull_covariance)
-    matrix, score, hull, others = symmetric(found.matrix), found.score, slice(parameters), slice(parameters, None)
+    matrix, score = symmetric(information.matrix), information.score
+    hull, others = slice(len(hull_covariance)), slice(len(hull_covariance), None)
     if not _is_sound(score, matrix):
         matrix, score = np.zeros_like(matrix), np.zeros_like(score)
-    before = np.eye(len(matrix))
-    before[hull, hull] = hull_covariance
-    after = HullErrors(np.zeros(len(matrix)), before).after(score, matrix)
-    follows = (after.covariance @ matrix)[others, hull]
-    left = after.covariance[others, others] - follows @ hull_covariance @ follows.T
-    columns = (by_all.displacement, by_all.states, by_all.disturbances)
-    by_others = Sensitivity(*(np.ascontiguousarray(each[..., others]) for each in columns))
-    by_hull = Sensitivity(*(each[..., hull] - each[..., others] @ follows for each in columns))
-    return by_hull, RecordErrors(after.mean[others], 0.5 * (left + left.T), by_others)
+    prior_covariance = np.eye(len(matrix))
+    prior_covariance[hull, hull] = hull_covariance
+    posterior = HullErrors(np.zeros(len(matrix)), prior_covariance).updated(score, matrix)
+    gain = (posterior.covariance @ matrix)[others, hull]
+    remaining = posterior.covariance[others, others] - gain @ hull_covariance @ gain.T
+    columns = (sensitivity.displacement, sensitivity.states, sensitivity.disturbances)
+    to_others = Sensitivity(*(np.ascontiguousarray(column[..., others]) for column in columns))
+    to_hull = Sensitivity(*(column[..., hull] - column[..., others] @ gain for column in columns))
+    return to_hull, RecordErrors(posterior.mean[others], 0.5 * (remaining + remaining.T), to_others)
 
 
-def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:
+def moved(hull: Hull, problem: SmootherProblem, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:
     """Move a path by deviations ``(s+1, 16)`` of its sensed states and disturbances in the rows between segments.
 
     Inside a segment, the disturbances' deviations decay from its first row on, and the states are the model's run.
@@ -368,19 +399,19 @@ def moved(hull: Hull, dive: Dive, path: Trajectory, rows: Rows, deviations: Arra
     states[np.ix_(rows, SENSED)] += deviations[:, :10]
     steps = np.arange(len(disturbances))
     segment = np.searchsorted(rows, steps, side="right") - 1
-    disturbances += dive.decay ** (steps - rows[segment])[:, None] * deviations[segment, 10:]
-    run_path(hull, dive, states, disturbances, allocate_segments(rows), np.zeros(LOG_DETERMINANT + 1))
+    disturbances += problem.decay ** (steps - rows[segment])[:, None] * deviations[segment, 10:]
+    run_path(hull, problem, states, disturbances, allocate_segments(rows), np.zeros(LOG_DETERMINANT + 1))
     return Trajectory(states, disturbances)
 
 
 def without_far_rows(deviations: Array) -> Array:
-    """Filter's deviations ``(s+1, 16)`` from the smoothed path, set to zero in rows with any beyond `_MAX_DEVIATIONS`.
+    """Set the filter's deviations ``(s+1, 16)`` from the smoothed path to zero in rows with one over `_MAX_DEVIATIONS`.
 
     Near rest, or about the path of a wrong hull, a linearised filter may be in error by radians and metres per second,
     and a step from there may not be finite.
     """
-    near = np.asarray(np.all(np.abs(deviations[:, :10]) <= _MAX_DEVIATIONS, axis=1))
-    return np.where(near[:, None], deviations, 0.0)
+    is_near = np.asarray(np.all(np.abs(deviations[:, :10]) <= _MAX_DEVIATIONS, axis=1))
+    return np.where(is_near[:, None], deviations, 0.0)
 
 
 def _predicted(states: Array) -> Array:
@@ -408,48 +439,56 @@ def symmetric(lower: Array) -> Array:
 
 
 def sum_information(
-    hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory, rows: Rows
+    hull: Hull, assumed: Sequence[SmootherProblem], forcing: Forcing, trajectory: Trajectory, rows: Rows
 ) -> tuple[Information, ...]:
     """Information and score about a trajectory, from the forward sweep alone, under each assumption of the noise.
 
     Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
     """
-    found, _ = _sweep(hull, assumed, forcing, trajectory, rows, np.empty(0, dtype=np.int64))
-    return found
+    informations, _ = _sweep(hull, assumed, forcing, trajectory, rows, np.empty(0, dtype=np.int64))
+    return informations
 
 
 def sensitivity_sweeps(
-    hull: Hull, dive: Dive, forcing: Forcing, trajectory: Trajectory, rows: Rows, wanted: Rows
+    hull: Hull, problem: SmootherProblem, forcing: Forcing, trajectory: Trajectory, rows: Rows, requested: Rows
 ) -> tuple[Information, SmoothedSensitivity]:
-    """Information and score about a trajectory, and sensitivities of the smoothed states at some of the ``rows``.
+    """Information and score about a trajectory, and sensitivities of the smoothed states at the ``requested`` rows.
 
     Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
     """
-    found, smoothed = _sweep(hull, (dive,), forcing, trajectory, rows, wanted)
-    return found[0], smoothed
+    informations, smoothed = _sweep(hull, (problem,), forcing, trajectory, rows, requested)
+    return informations[0], smoothed
 
 
 def _sweep(
-    hull: Hull, assumed: Sequence[Dive], forcing: Forcing, trajectory: Trajectory, rows: Rows, wanted: Rows
+    hull: Hull,
+    assumed: Sequence[SmootherProblem],
+    forcing: Forcing,
+    trajectory: Trajectory,
+    rows: Rows,
+    requested: Rows,
 ) -> tuple[tuple[Information, ...], SmoothedSensitivity]:
-    """Sweep forwards under each assumption, and backwards under the first one if any rows are wanted."""
-    segments, parameters, wanted = len(rows) - 1, len(forcing.start), np.asarray(wanted, dtype=np.int64)
-    information, out = allocate_information(len(assumed), segments, parameters), allocate_smoothed(wanted, parameters)
+    """Sweep forwards under each assumption, and backwards under the first one if any rows are requested."""
+    segments, parameters, requested = len(rows) - 1, len(forcing.start), np.asarray(requested, dtype=np.int64)
+    information = allocate_information(len(assumed), segments, parameters)
+    out = allocate_smoothed(requested, parameters)
     samples, channels, _ = forcing.samples.shape
-    taped = len(wanted) > 0
-    tape = allocate_tape(taped * segments, taped * samples, channels, len(wanted), parameters)
+    taped = len(requested) > 0
+    tape = allocate_tape(taped * segments, taped * samples, channels, len(requested), parameters)
     kernel.sum_information(
         hull, assumed[0], Assumptions(*(np.stack(column) for column in _columns(assumed))), forcing,
         trajectory.states, trajectory.disturbances, allocate_scratch(rows, forcing, len(assumed)), information, tape,
         out,
     )  # fmt: skip
-    own = slice(parameters)
-    found = tuple(
-        Information(matrix[own, own], score[own], filtered)
+    # Without the columns that fill the parameters up to a multiple of eight.
+    used = slice(parameters)
+    informations = tuple(
+        Information(matrix[used, used], score[used], filtered)
         for matrix, score, filtered in zip(*information, strict=True)
     )
-    return found, SmoothedSensitivity(wanted, out.states[..., own], out.track[..., own], out.displacement[:, own])
+    smoothed = SmoothedSensitivity(requested, out.states[..., used], out.track[..., used], out.displacement[:, used])
+    return informations, smoothed
 
 
-def _columns(assumed: Sequence[Dive]) -> tuple[list[Array], ...]:
+def _columns(assumed: Sequence[SmootherProblem]) -> tuple[list[Array], ...]:
     return [d.measured for d in assumed], [d.variance for d in assumed], [d.noise for d in assumed]

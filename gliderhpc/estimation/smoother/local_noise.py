@@ -1,11 +1,11 @@
-"""Noise of the disturbances in a dive's information on its hull, and other assumptions of this noise.
+"""Noise of the disturbances in a profile's information on its hull, and other assumptions of this noise.
 
-The smoother uses one scale of the noise for a whole dive. Yaw moments from the water come in bursts, with quiet
-stretches between them. A filter with the dive's mean noise in a quiet stretch follows the errors of its own sensors
+The smoother uses one scale of the noise for a whole profile. Yaw moments from the water come in bursts, with quiet
+stretches between them. A filter with the profile's mean noise in a quiet stretch follows the errors of its own sensors
 there. Its innovations are no longer white, and their information on the hull's damping is wrong (docs/smoother.md).
 
-No scale is exact, and its error biases the information on the hull in the same direction in every dive. The size of
-this bias is estimated from other, equally plausible assumptions.
+No scale is exact, and an error of the scale biases the information on the hull in the same direction in every profile.
+The size of this bias is estimated from other, equally plausible assumptions.
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.smoother.estimate import LastPass
-from gliderhpc.estimation.smoother.noise import spent_and_resolved
-from gliderhpc.kernels.smoother_memory import Dive
+from gliderhpc.estimation.smoother.noise import noise_sums
+from gliderhpc.kernels.smoother_memory import SmootherProblem
 
 Array = NDArray[np.float64]
 
@@ -22,8 +22,8 @@ FAST = 120.0
 """Correlation time (s) below which disturbances have a local scale."""
 WINDOW = 5.0
 """Number of sample intervals over which the local scale is computed."""
-_DIVE_WEIGHT = 1.0
-"""Weight of the smoother's scale, in resolved values, in the scale of a whole dive that may have been quieter."""
+_PROFILE_WEIGHT = 1.0
+"""Weight of the smoother's scale, in resolved values, in the scale assumed for a quieter profile."""
 _MIN_DISPERSION = 1e-3
 """Lower bound of the relative variance of the local scale."""
 _MIN_RESOLVED = 1e-9
@@ -32,8 +32,8 @@ _RANGE = (1e-3, 1e3)
 """Bounds of the local scale."""
 
 
-def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.bool_]) -> Dive:
-    """Return a smoothed dive's problem with the noise of its fast disturbances scaled locally.
+def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.bool_]) -> SmootherProblem:
+    """Return a smoothed profile's problem with the noise of its fast disturbances scaled locally.
 
     Parameters
     ----------
@@ -47,26 +47,26 @@ def with_local_noise(last: LastPass, sample_interval: float, steady: NDArray[np.
     Notes
     -----
     The factor of a stretch is that of `gliderhpc.estimation.smoother.noise.NoiseScale`: the sum of the squares of the
-    smoothed noise over their variances, divided by the number of values that the record resolves. The dive's own scale
-    has a weight in resolved values, which is larger the less the stretches differ (`dispersion`).
+    smoothed noise over their variances, divided by the number of values that the record resolves. The profile's own
+    scale has a weight in resolved values, which is larger the less the stretches differ (`dispersion`).
     """
-    dive = last.dive
-    channels = np.flatnonzero(dive.step / -np.log(dive.decay) < FAST)
-    width = max(1, round(WINDOW * sample_interval / dive.step))
-    noise, resolved = dive.noise.copy(), last.noise_resolved[:, channels]
-    spent = last.noise_mean[:, channels] ** 2 / noise[:, channels]
-    weight = 2.0 / np.maximum(dispersion(spent[steady], resolved[steady], width), _MIN_DISPERSION)
-    factor = (_sums(spent, width) + weight) / (_sums(resolved, width) + weight)
+    problem = last.problem
+    channels = np.flatnonzero(problem.step / -np.log(problem.decay) < FAST)
+    width = max(1, round(WINDOW * sample_interval / problem.step))
+    noise, resolved = problem.noise.copy(), last.noise_resolved[:, channels]
+    squares = last.noise_mean[:, channels] ** 2 / noise[:, channels]
+    weight = 2.0 / np.maximum(dispersion(squares[steady], resolved[steady], width), _MIN_DISPERSION)
+    factor = (_sums(squares, width) + weight) / (_sums(resolved, width) + weight)
     noise[:, channels] *= np.clip(factor, *_RANGE)
-    return dive._replace(noise=noise)
+    return problem._replace(noise=noise)
 
 
-def dispersion(spent: Array, resolved: Array, width: int) -> Array:
+def dispersion(squares: Array, resolved: Array, width: int) -> Array:
     """Relative variance ``(c,)`` of the noise's scale between stretches, by moments; zero if one scale explains all.
 
     Parameters
     ----------
-    spent, resolved : (n, c), (n, c)
+    squares, resolved : (n, c), (n, c)
         Squares of the smoothed noise over their variances, and the part that the record resolves, at every step.
     width : int
         Number of steps of a stretch.
@@ -78,10 +78,10 @@ def dispersion(spent: Array, resolved: Array, width: int) -> Array:
     by ``s^2 v (r^2 + 2 r)``. A prior of the scale with this variance (inverse gamma) has the weight of ``2 / v``
     resolved values.
     """
-    if not len(spent):
-        return np.zeros(spent.shape[1])
-    starts = np.arange(0, len(spent), width)
-    sums, values = (np.add.reduceat(x, starts, axis=0) for x in (spent, resolved))
+    if not len(squares):
+        return np.zeros(squares.shape[1])
+    starts = np.arange(0, len(squares), width)
+    sums, values = (np.add.reduceat(x, starts, axis=0) for x in (squares, resolved))
     scale = sums.sum(axis=0) / np.maximum(values.sum(axis=0), _MIN_RESOLVED)
     excess = np.sum((sums - scale * values) ** 2, axis=0) - 2.0 * scale**2 * values.sum(axis=0)
     return np.asarray(
@@ -89,30 +89,32 @@ def dispersion(spent: Array, resolved: Array, width: int) -> Array:
     )
 
 
-def other_assumptions(last: LastPass, local: Dive, vibrating: NDArray[np.bool_]) -> tuple[Dive, ...]:
-    """Return a smoothed dive's problem under the assumptions of `gliderhpc.vocabulary.NOISE_ASSUMPTIONS`.
+def other_assumptions(
+    last: LastPass, local: SmootherProblem, vibrating: NDArray[np.bool_]
+) -> tuple[SmootherProblem, ...]:
+    """Return a smoothed profile's problem under the assumptions of `gliderhpc.vocabulary.NOISE_ASSUMPTIONS`.
 
     Parameters
     ----------
     last : LastPass
-        Last pass of the smoother, with one scale for the whole dive.
-    local : Dive
+        Last pass of the smoother, with one scale for the whole profile.
+    local : SmootherProblem
         Problem returned by `with_local_noise`.
     vibrating : (n+1,) mask
         Mask of the vibration set.
 
     Notes
     -----
-    The quieter noise is multiplied by the factor of each channel over the dive and, once more, by that of each stretch,
-    where these are below one. The former is that of `gliderhpc.estimation.smoother.noise.NoiseScale` with hardly any
-    weight of the smoother's scale.
+    The quieter noise is multiplied by the factor of each channel over the profile and, once more, by that of each
+    stretch, where these are below one. The former is that of `gliderhpc.estimation.smoother.noise.NoiseScale` with
+    hardly any weight of the smoother's scale.
     """
-    dive, steady = last.dive, ~vibrating[:-1]
-    spent, resolved = spent_and_resolved(last, dive.noise, steady)
-    whole = (spent + _DIVE_WEIGHT) / (resolved + _DIVE_WEIGHT)
-    quieter = local.noise * np.minimum(1.0, whole) * np.minimum(1.0, local.noise / dive.noise)
+    problem, steady = last.problem, ~vibrating[:-1]
+    squares, resolved = noise_sums(last, problem.noise, steady)
+    factor = (squares + _PROFILE_WEIGHT) / (resolved + _PROFILE_WEIGHT)
+    quieter = local.noise * np.minimum(1.0, factor) * np.minimum(1.0, local.noise / problem.noise)
     measured = np.where(vibrating[:, None], np.nan, local.measured)
-    return dive, local._replace(noise=quieter), local._replace(measured=measured)
+    return problem, local._replace(noise=quieter), local._replace(measured=measured)
 
 
 def _sums(values: Array, width: int) -> Array:

@@ -1,4 +1,4 @@
-"""Noise of the disturbances in the smoother: its scale in one dive, heavy tails, and lagging actuators.
+"""Noise of the disturbances in the smoother: its scale in one profile, heavy tails, and lagging actuators.
 
 References
 ----------
@@ -62,7 +62,7 @@ def _down(attitude: Array) -> Array:
 
 
 WEIGHT = 20.0
-"""Weight of the prior's own intensity, in resolved values."""
+"""Weight of the prior's intensity, as an equivalent number of resolved values."""
 
 
 class SmoothedNoise(Protocol):
@@ -77,49 +77,64 @@ class SmoothedNoise(Protocol):
         """Part ``(n, 6)`` of each step's noise that the record resolves."""
 
 
-def spent_and_resolved(found: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Sums over some steps of the smoothed noise's squares over variances ``noise (n, 6)``, and of resolved values."""
-    spent, resolved, _ = _sums(found, noise, steps)
-    return spent, resolved
+def noise_sums(smoothed: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Sum the normalised squares of the smoothed noise, and the resolved values, over some steps.
+
+    Parameters
+    ----------
+    smoothed : SmoothedNoise
+        Smoothed noise and its resolved part.
+    noise : (n, 6)
+        Variances of the noise, by which the squares are divided.
+    steps : (n,) mask
+        Steps to sum over.
+
+    Returns
+    -------
+    (6,) array, (6,) array
+        Sums of the squares and of the resolved values, by channel.
+    """
+    squares, resolved, _ = _sums(smoothed, noise, steps)
+    return squares, resolved
 
 
-def _sums(found: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> Array:
-    """Sums ``(3, 6)`` as in `spent_and_resolved`, and of the variances."""
+def _sums(smoothed: SmoothedNoise, noise: Array, steps: NDArray[np.bool_]) -> Array:
+    """Sums ``(3, 6)`` as in `noise_sums`, and of the variances."""
     sums = np.empty((3, 6))
-    sum_noise_values(found.noise_mean, found.noise_resolved, noise, steps, sums)
+    sum_noise_values(smoothed.noise_mean, smoothed.noise_resolved, noise, steps, sums)
     return sums
 
 
-def standardised_noise(found: SmoothedNoise, noise: Array) -> Array:
+def standardised_noise(smoothed: SmoothedNoise, noise: Array) -> Array:
     """Smoothed noise ``(n, 6)`` over its standard deviation; NaN where the record does not resolve it.
 
-    With variances ``noise (n, 6)`` that are right, and Gaussian noise, these are standard normal: the auxiliary
-    residuals of Harvey and Koopman (1992). The smoothed noise is ``-q l`` with a costate of covariance ``L``, and its
-    variance ``q^2 L`` is the resolved part of ``q``.
+    If the noise is Gaussian with the variances ``noise (n, 6)``, these auxiliary residuals (Harvey and Koopman 1992)
+    are standard normal. The smoothed noise is ``-q l`` with a costate of covariance ``L``, and its variance ``q^2 L``
+    is the resolved part of ``q``.
     """
-    variance = noise * found.noise_resolved
-    return np.asarray(found.noise_mean / np.sqrt(np.where(variance > 0.0, variance, np.nan)))
+    variance = noise * smoothed.noise_resolved
+    return np.asarray(smoothed.noise_mean / np.sqrt(np.where(variance > 0.0, variance, np.nan)))
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseScale:
-    """Scale of a dive's disturbances, estimated from the dive: one factor for each channel on the prior's noise.
+    """Scale of a profile's disturbances, estimated from the profile: one factor for each channel on the prior's noise.
 
     Attributes
     ----------
     prior, actuators : (n, 6)
         Variances of the steps' noise from the prior, and from lagging actuators.
-    usual : (n,) mask
-        Steps by which the noise is judged: outside the vibration set, with the actuators at rest.
+    reference_steps : (n,) mask
+        Steps from which the scale is estimated: outside the vibration set, with the actuators at rest.
     channels : tuple of int
         Channels that have a factor.
 
     Notes
     -----
-    One prior is used for many dives, and the water is calmer in some than in others. If the prior is too wide, the
-    intervals are too wide as well, and the mean is drawn to where the record resolves the noise less
-    (docs/smoother.md); if it is too narrow, the opposite occurs. The factor follows from the evidence. With the right
-    prior, the sum of the squares of the smoothed noise over their variances would equal the number of values that the
+    The same prior is used for many profiles, but the water is calmer in some than in others. If the prior is too wide,
+    the intervals are too wide as well, and the mean is biased towards paths on which the record resolves the noise less
+    (docs/smoother.md); if it is too narrow, the opposite occurs. The factor is estimated by evidence maximisation. With
+    the right prior, the sum of the normalised squares of the smoothed noise would equal the number of values that the
     record resolves,
 
         sum of mean^2 / q = sum of q L,
@@ -130,46 +145,48 @@ class NoiseScale:
 
     prior: Array
     actuators: Array
-    usual: NDArray[np.bool_]
+    reference_steps: NDArray[np.bool_]
     channels: tuple[int, ...]
 
     def factors(self, noise: Array) -> Array:
-        """Factors ``(6,)`` of variances ``noise (n, 6)`` relative to the prior; one if no step is usual."""
-        if not self.usual.any():
+        """Factors ``(6,)`` of variances ``noise (n, 6)`` relative to the prior; one if there is no reference step."""
+        if not self.reference_steps.any():
             return np.ones(6)
-        return np.asarray(noise[self.usual].sum(axis=0) / self._usual_prior)
+        return np.asarray(noise[self.reference_steps].sum(axis=0) / self._reference_prior)
 
     @cached_property
-    def _usual_prior(self) -> Array:
-        """Sum ``(6,)`` of the prior's variances over the usual steps."""
-        return np.asarray(self.prior[self.usual].sum(axis=0))
+    def _reference_prior(self) -> Array:
+        """Sum ``(6,)`` of the prior's variances over the reference steps."""
+        return np.asarray(self.prior[self.reference_steps].sum(axis=0))
 
-    def renewed(self, noise: Array, linear: Backward) -> Array:
+    def updated(self, noise: Array, linear: Backward) -> Array:
         """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
-        spent, resolved, variances = _sums(linear, noise, self.usual)
-        before = variances / self._usual_prior if self.usual.any() else np.ones(6)
-        after = (before * spent + WEIGHT) / (resolved + WEIGHT)
+        squares, resolved, variances = _sums(linear, noise, self.reference_steps)
+        factors = variances / self._reference_prior if self.reference_steps.any() else np.ones(6)
+        updated_factors = (factors * squares + WEIGHT) / (resolved + WEIGHT)
         channels = list(self.channels)
         if len(channels) == 6:
-            return self.scaled(after)
-        renewed = noise.copy()
-        renewed[:, channels] = self.scaled(after)[:, channels]
-        return renewed
+            return self.scaled(updated_factors)
+        updated = noise.copy()
+        updated[:, channels] = self.scaled(updated_factors)[:, channels]
+        return updated
 
     def scaled(self, factors: Array) -> Array:
         """Variances ``(n, 6)`` with these factors ``(6,)``; channels without a factor have the prior's variances."""
-        own = np.ones(6)
-        own[list(self.channels)] = factors[list(self.channels)]
-        return own * self.prior + self.actuators
+        applied = np.ones(6)
+        applied[list(self.channels)] = factors[list(self.channels)]
+        return applied * self.prior + self.actuators
 
     def for_segment(self, steps: slice) -> "NoiseScale":
-        """Return the scale of a segment of the dive."""
-        return replace(self, prior=self.prior[steps], actuators=self.actuators[steps], usual=self.usual[steps])
+        """Return the scale of a segment of the profile."""
+        return replace(
+            self, prior=self.prior[steps], actuators=self.actuators[steps], reference_steps=self.reference_steps[steps]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class HeavyTails:
-    """Heavy-tailed noise by iterative reweighting, which does not smear impulses (off by default).
+    """Heavy-tailed noise by iterative reweighting, which preserves impulses (off by default).
 
     Attributes
     ----------
@@ -197,9 +214,9 @@ class HeavyTails:
     channels: tuple[int, ...]
     steps: int
 
-    def renewed(self, noise: Array, linear: Backward) -> Array:
+    def updated(self, noise: Array, linear: Backward) -> Array:
         """Variances ``(n, 6)`` that follow from a pass with variances ``noise (n, 6)``."""
-        renewed = noise.copy()
+        updated = noise.copy()
         starts = np.arange(0, len(noise), self.steps)
         counts = np.diff(np.append(starts, len(noise)))
         square = linear.noise_mean**2 + noise * (1.0 - linear.noise_resolved)
@@ -208,12 +225,12 @@ class HeavyTails:
             total, factor = (np.add.reduceat(x[:, channel] / q, starts) for x in (square, noise))
             resolved = np.maximum(total - factor * (counts - 1) / counts, 0.0)
             weight = (self.degrees_of_freedom + resolved) / (self.degrees_of_freedom + 1.0)
-            renewed[:, channel] = q * np.repeat(weight, counts)
-        return renewed
+            updated[:, channel] = q * np.repeat(weight, counts)
+        return updated
 
 
 class NoiseModel(Protocol):
     """Model that adapts the noise of the disturbances to the results of a pass."""
 
-    def renewed(self, noise: Array, linear: Backward) -> Array:
+    def updated(self, noise: Array, linear: Backward) -> Array:
         """Variances ``(n, 6)`` of the next pass, from those of the last pass and its results."""

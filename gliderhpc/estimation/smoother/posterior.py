@@ -1,4 +1,4 @@
-"""Errors of the hull after one dive, and the posterior of smoothed and adjoint estimates with these errors."""
+"""Errors of the hull after one profile, and the posterior of smoothed and adjoint estimates with these errors."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,35 +10,35 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.glide_sensitivity import GlideSensitivity
 from gliderhpc.estimation.smoother.hull_errors import HullErrors
-from gliderhpc.estimation.smoother.information import DiveInformation, RecordErrors
-from gliderhpc.estimation.windows import DiveSolution
+from gliderhpc.estimation.smoother.information import HullInformation, RecordErrors
+from gliderhpc.estimation.windows import ProfileSolution
 
 Array = NDArray[np.float64]
 
 
-def after_dive(errors: HullErrors, information: DiveInformation) -> HullErrors:
-    """Errors after a dive.
+def posterior_errors(errors: HullErrors, information: HullInformation) -> HullErrors:
+    """Return the hull's errors after a profile.
 
     Notes
     -----
-    A dive that contradicts the stated errors, at a probability of 1 %, gives their mean but does not narrow them.
+    A profile that contradicts the stated errors, at a probability of 1 %, updates their mean but does not narrow them.
     Either the errors are larger than stated, or the water moved in a way that the smoother does not assume and that
-    acts like errors of the hull (such as yaw impulses in slow records). One dive cannot distinguish between the two.
+    acts like errors of the hull (such as yaw impulses in slow records). One profile cannot distinguish between the two.
     """
     score, matrix = information.score, information.information
-    after = errors.after(score, matrix)
-    return replace(after, covariance=errors.covariance) if errors.contradicted_by(score, matrix) else after
+    posterior = errors.updated(score, matrix)
+    return replace(posterior, covariance=errors.covariance) if errors.contradicted_by(score, matrix) else posterior
 
 
-class HullShare(NamedTuple):
-    """The hull's part in the uncertainty of a dive's smoothed estimate.
+class HullVariance(NamedTuple):
+    """Contribution of the hull's errors to the uncertainty of a profile's smoothed estimate.
 
     Attributes
     ----------
     displacement_covariance : (2, 2)
-        Its part in the covariance of the displacement, m2.
+        Contribution to the covariance of the displacement, m2.
     share : (18,)
-        Its share in the variance of twelve states (eq. 16) and six disturbances, median over the records.
+        Share of the variance of twelve states (eq. 16) and six disturbances, median over the records.
     """
 
     displacement_covariance: Array
@@ -46,22 +46,22 @@ class HullShare(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class HullPart:
-    """Errors of a hull in a dive, and their part in its smoothed estimate.
+class HullContribution:
+    """Errors of a hull in a profile, and their contribution to its smoothed estimate.
 
     Attributes
     ----------
-    information : DiveInformation
-        Information of the dive, without the sensitivities at the records.
+    information : HullInformation
+        Information of the profile, without the sensitivities at the records.
     errors : HullErrors
-        Errors of the platform file's hull, after the dive.
+        Errors of the platform file's hull after the profile.
     displacement_covariance, share : (2, 2), (18,)
-        As in `HullShare`.
+        As in `HullVariance`.
     glide : GlideSensitivity
-        What the errors change in steady glide.
+        Effect of the errors on steady glide.
     """
 
-    information: DiveInformation
+    information: HullInformation
     errors: HullErrors
     displacement_covariance: Array
     share: Array
@@ -69,45 +69,48 @@ class HullPart:
 
 
 def with_hull_errors(
-    smoothed: SmoothedEstimate, information: DiveInformation, errors: HullErrors, *, corrected: bool = False
-) -> tuple[SmoothedEstimate, HullShare]:
-    """Add the hull's part to the uncertainty of a smoothed estimate at the records.
+    smoothed: SmoothedEstimate, information: HullInformation, errors: HullErrors, *, corrected: bool = False
+) -> tuple[SmoothedEstimate, HullVariance]:
+    """Add the contribution of the hull's errors to the uncertainty of a smoothed estimate at the records.
 
     Parameters
     ----------
     smoothed : SmoothedEstimate
         Estimate at the records (`SmoothedEstimate.thinned`), for the platform's values.
-    information : DiveInformation
-        Information of the dive, with sensitivities at the same records.
+    information : HullInformation
+        Information of the profile, with sensitivities at the same records.
     errors : HullErrors
-        The hull's errors after the dive.
+        The hull's errors after the profile.
     corrected : bool
-        Whether the estimate moves to the mean of the errors; otherwise it remains that for the platform's values.
+        Whether the estimate is corrected by the mean of the errors; otherwise it is that for the platform's values.
 
     Notes
     -----
     The corrected estimate is ``x + V m`` with covariance ``P + V C V'``, where ``m`` and ``C`` are the mean and the
     covariance of the errors (docs/smoother.md). The estimate for the platform's values has the expected squared error
-    ``P + V (C + m m') V'``. On average over all dives, the hull's part of the latter is that of the errors before the
-    dive, since a dive increases ``m m'`` by as much as it decreases ``C``. Both are exact if the problem is linear in
-    the errors.
+    ``P + V (C + m m') V'``. On average over all profiles, the hull's part of the latter is that of the errors before
+    the profile, since a profile increases ``m m'`` by as much as it decreases ``C``. Both are exact if the problem is
+    linear in the errors.
     """
     mean = errors.mean if corrected else np.zeros_like(errors.mean)
     square = errors.covariance if corrected else errors.covariance + np.outer(errors.mean, errors.mean)
-    V, by_state, by_disturbance = information.displacement, information.states, information.disturbances
-    of_states, of_disturbances = _variance(by_state, square), _variance(by_disturbance, square)
-    of_displacement = V @ square @ V.T
+    V, V_states, V_disturbances = information.displacement, information.states, information.disturbances
+    states_variance, disturbances_variance = _variance(V_states, square), _variance(V_disturbances, square)
+    displacement_covariance = V @ square @ V.T
     result = replace(
         smoothed,
-        states=smoothed.states + by_state @ mean,
-        states_std=np.sqrt(smoothed.states_std**2 + of_states),
-        disturbances=smoothed.disturbances + by_disturbance @ mean,
-        disturbances_std=np.sqrt(smoothed.disturbances_std**2 + of_disturbances),
+        states=smoothed.states + V_states @ mean,
+        states_std=np.sqrt(smoothed.states_std**2 + states_variance),
+        disturbances=smoothed.disturbances + V_disturbances @ mean,
+        disturbances_std=np.sqrt(smoothed.disturbances_std**2 + disturbances_variance),
         displacement=smoothed.displacement + V @ mean,
-        displacement_covariance=smoothed.displacement_covariance + of_displacement,
+        displacement_covariance=smoothed.displacement_covariance + displacement_covariance,
     )
-    shares = [_share(of_states, result.states_std), _share(of_disturbances, result.disturbances_std)]
-    return result, HullShare(of_displacement, np.concatenate(shares))
+    shares = [
+        _median_share(states_variance, result.states_std),
+        _median_share(disturbances_variance, result.disturbances_std),
+    ]
+    return result, HullVariance(displacement_covariance, np.concatenate(shares))
 
 
 def with_record_errors(smoothed: SmoothedEstimate, record: RecordErrors) -> SmoothedEstimate:
@@ -118,7 +121,7 @@ def with_record_errors(smoothed: SmoothedEstimate, record: RecordErrors) -> Smoo
     smoothed : SmoothedEstimate
         Estimate at the records (`SmoothedEstimate.thinned`), for a record without these errors.
     record : RecordErrors
-        These errors after the dive, with sensitivities at the same records.
+        These errors after the profile, with sensitivities at the same records.
 
     Returns
     -------
@@ -126,7 +129,7 @@ def with_record_errors(smoothed: SmoothedEstimate, record: RecordErrors) -> Smoo
         The estimate ``x + V m`` with the variance ``P + V C V'``.
     """
     by, mean, covariance = record.sensitivity, record.mean, record.covariance
-    displacement, displacement_covariance = displacement_with(smoothed, record)
+    displacement, displacement_covariance = displacement_with_errors(smoothed, record)
     return replace(
         smoothed,
         states=smoothed.states + by.states @ mean,
@@ -138,7 +141,7 @@ def with_record_errors(smoothed: SmoothedEstimate, record: RecordErrors) -> Smoo
     )
 
 
-def displacement_with(smoothed: SmoothedEstimate, record: RecordErrors | None) -> tuple[Array, Array]:
+def displacement_with_errors(smoothed: SmoothedEstimate, record: RecordErrors | None) -> tuple[Array, Array]:
     """Displacement ``(2,)``, m, and its covariance, m2, with the errors of the record if there are any."""
     if record is None:
         return smoothed.displacement, smoothed.displacement_covariance
@@ -151,9 +154,9 @@ def _variance(sensitivity: Array, covariance: Array) -> Array:
     return np.asarray(np.maximum(np.einsum("mkp,mkp->mk", sensitivity @ covariance, sensitivity), 0.0))
 
 
-def _share(part: Array, deviation: Array) -> Array:
-    """Median share ``(k,)`` of a part ``(m, k)`` in the variance; zero where there is none, as for X at the start."""
-    share = np.divide(part, deviation**2, out=np.zeros_like(part), where=deviation > 0.0)
+def _median_share(contribution: Array, deviation: Array) -> Array:
+    """Median share ``(k,)`` of a contribution ``(m, k)`` in the variance; zero where the variance is zero."""
+    share = np.divide(contribution, deviation**2, out=np.zeros_like(contribution), where=deviation > 0.0)
     return np.asarray(np.median(share, axis=0))
 
 
@@ -163,12 +166,12 @@ AVERAGED = 30.0
 """Interval over which the squared difference from the smoother's estimate is averaged, s; the length of a window."""
 
 
-def adjoint_deviation(solution: DiveSolution, smoothed: SmoothedEstimate, every: int, interval: float) -> Array:
+def adjoint_deviation(solution: ProfileSolution, smoothed: SmoothedEstimate, every: int, interval: float) -> Array:
     """Standard deviation of the windows' disturbances at the records.
 
     Parameters
     ----------
-    solution : DiveSolution
+    solution : ProfileSolution
         Solution of the windows, on the steps.
     smoothed : SmoothedEstimate
         Estimate of the smoother at the records, with the hull's part in its uncertainty.
@@ -207,9 +210,9 @@ def deviation_about(estimate: Array, mean: Array, std: Array, width: int) -> Arr
     Notes
     -----
     If the truth has the posterior ``N(mean, std^2)``, the expected squared error of any other estimate is ``std^2 +
-    (estimate - mean)^2``. The second term is averaged over `width` entries: one difference is small where the estimate
-    crosses the mean, by chance.
+    (estimate - mean)^2``. The second term is averaged over `width` entries, since a single difference may be small by
+    chance, where the estimate crosses the mean.
     """
-    apart = scipy.ndimage.uniform_filter1d((estimate - mean) ** 2, width, axis=0)
-    # The filter's running sum may leave a rounding error below zero after large differences.
-    return np.asarray(np.sqrt(std**2 + np.maximum(apart, 0.0)))
+    square = scipy.ndimage.uniform_filter1d((estimate - mean) ** 2, width, axis=0)
+    # The running sum may leave a negative rounding error after large differences.
+    return np.asarray(np.sqrt(std**2 + np.maximum(square, 0.0)))

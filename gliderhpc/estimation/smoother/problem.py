@@ -1,4 +1,4 @@
-"""The dive's maximum a posteriori problem: its measurements, its priors, its start, and the sweeps that solve it.
+"""The maximum a posteriori problem of a profile: measurements, priors, start, and the sweeps that solve it.
 
 The unknowns are the initial state and the six disturbances, first-order Gauss-Markov sequences from which the flight
 model computes the trajectory. The samples used and their variances are fixed before the iteration, which makes the
@@ -36,7 +36,7 @@ from gliderhpc.kernels.smoother_allocation import (
     allocate_segments,
     allocate_tape,
 )
-from gliderhpc.kernels.smoother_memory import DEFECTS, LOG_DETERMINANT, Backward, Dive
+from gliderhpc.kernels.smoother_memory import DEFECTS, LOG_DETERMINANT, Backward, SmootherProblem
 from gliderhpc.kernels.smoother_path import move_path
 from gliderhpc.platform import DisturbancePrior
 from gliderhpc.vocabulary import CHANNELS
@@ -46,17 +46,17 @@ Array = NDArray[np.float64]
 _INTERPOLATED = 0.5
 """Fraction of the interval between its records to which the time of an actuator's move is known."""
 _LONGEST_GAP = 40.0
-"""Longest gap (s) of the actuators' records in which their moves may be anywhere; with longer ones, dives diverge."""
+"""Longest gap (s) of the actuators' records in which a move may be at any time; with longer ones, passes diverge."""
 _SEGMENT_DURATION = 0.5
-"""Longest segment (s): the sum of the mean shift over it acts in one row (docs/smoother.md)."""
-_SEGMENTS_OF_MEAN_SHIFT = 5
-"""Number of segments with a common mean shift, which otherwise would take half of a pass's time; odd."""
+"""Longest segment (s); the mean shifts of its steps are summed and applied in one row (docs/smoother.md)."""
+_SEGMENTS_PER_MEAN_SHIFT = 5
+"""Number of segments with a common mean shift, an odd number; one for each segment would take half of a pass's time."""
 _SWAY, _YAW = (list(CHANNELS).index(name) for name in ("B_cv", "B_cr"))
 _GUST_FACTORS = np.array([100.0, 1.0, 1.0, 1.0])
 """Factors on the variances of roll, pitch, heading and depth where gusts roll the glider."""
 _SHARED = 1.0 / 3.0
-"""Share of a run of equal samples whose rounding error is assumed to be common: intervals of the pitching moment then
-have their nominal coverage on twins (docs/smoother.md)."""
+"""Share of a run of equal samples whose rounding error is assumed to be common; with this value, intervals of the
+pitching moment have their nominal coverage on twins (docs/smoother.md)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +82,10 @@ class Gusts(NamedTuple):
     """True if yaw moments also turn it, in bursts with quiet stretches between."""
 
 
-def pose_dive(
+def pose_problem(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float = 1.0,
     *, gusts: Gusts | None = None,
-) -> tuple[Dive, NoiseScale]:  # fmt: skip
+) -> tuple[SmootherProblem, NoiseScale]:  # fmt: skip
     """Pose the problem of one profile, and separate its noise into that of the prior and that of the actuators.
 
     Parameters
@@ -105,10 +105,10 @@ def pose_dive(
     -----
     Gusts from the side change the side force and the moments together, within seconds. With the usual prior, in which
     they are slow and independent, the roll caused by gusts appears to determine speed and lift: on twins in gusts, with
-    the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, without a factor of
-    the dive's own since the record hardly resolves it, and the roll has a larger variance. Then the error is 0.004 m/s.
-    Where yaw moments also act in bursts, the noise of the yaw moment has no factor of the dive's own either: a factor
-    follows from the quiet stretches, and the bursts then seem to determine the speed, which was wrong by 0.02 m/s.
+    the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, and the roll has a
+    larger variance; the error is then 0.004 m/s. The noise of the side force is not scaled to the profile, since the
+    record hardly resolves it. Nor is that of the yaw moment if yaw moments also act in bursts: the scale would follow
+    from the quiet stretches, and the bursts would then seem to determine the speed, which was wrong by 0.02 m/s.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior, series.attitude_interval)
@@ -123,7 +123,7 @@ def pose_dive(
     deviation, time = np.array(prior.deviation), np.array(prior.correlation_time)
     scale = _noise_scale(profile, filtered, prior, settings, noise_factor, unscaled=unscaled_channels(gusts))
     first = first_guess(platform, series)
-    dive = Dive(
+    problem = SmootherProblem(
         bodies=np.ascontiguousarray(profile.bodies),
         step=settings.step,
         fed=np.isfinite(measured).any(axis=1),
@@ -136,7 +136,7 @@ def pose_dive(
         # Set by the iteration.
         damping=np.empty(6),
     )
-    return dive, scale
+    return problem, scale
 
 
 def _noise_scale(
@@ -153,15 +153,15 @@ def _noise_scale(
         interval = np.maximum(interval, np.minimum(profile.series.control_interval, _LONGEST_GAP))
     lag = np.maximum(settings.smoother.actuator_lag, _INTERPOLATED * interval)
     actuators = actuation_noise(profile.bodies, filtered.states[:-1, :2], lag, settings.step)
-    usual = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
+    reference_steps = ~profile.vibrating[:-1] & ~actuators.any(axis=1)
     heavy = settings.smoother.heavy_tailed if settings.smoother.degrees_of_freedom is not None else ()
     channels = tuple(i for i, name in enumerate(CHANNELS) if name not in heavy and i not in unscaled)
-    own = np.where(np.isin(range(len(CHANNELS)), unscaled), 1.0, noise_factor)
-    return NoiseScale(own * (factor[:, None] * added), actuators, usual, channels)
+    mission_factor = np.where(np.isin(range(len(CHANNELS)), unscaled), 1.0, noise_factor)
+    return NoiseScale(mission_factor * (factor[:, None] * added), actuators, reference_steps, channels)
 
 
 def unscaled_channels(gusts: Gusts | None) -> tuple[int, ...]:
-    """Channels whose noise has no factor of the dive's own (`pose_dive`)."""
+    """Channels whose noise is not scaled to the profile (`pose_problem`)."""
     if gusts is None:
         return ()
     return (_SWAY, _YAW) if gusts.with_bursts else (_SWAY,)
@@ -174,12 +174,12 @@ def _rejected(filtered: FilterEstimate, settings: EstimationSettings) -> NDArray
     return scipy.ndimage.maximum_filter1d(rejected, 2 * reach + 1) if rejected.any() else rejected
 
 
-def _variance(of_sample: Array, measured: Array) -> Array:
+def _variance(sample_variances: Array, measured: Array) -> Array:
     """Variances ``(n+1, 4)``; those of repeated angles are larger, because their rounding error is repeated as well.
 
-    The rounding errors of a run are all the same if the angle does not move, and differ if it passes through.
+    The rounding errors of a run of equal values are the same if the angle is constant, and differ if it changes slowly.
     """
-    variance = np.tile(of_sample, (len(measured), 1))
+    variance = np.tile(sample_variances, (len(measured), 1))
     rows = np.flatnonzero(np.isfinite(measured).any(axis=1))
     for channel in range(3):
         variance[rows, channel] *= 1.0 + _SHARED * (repetitions(measured[rows, channel]) - 1)
@@ -214,10 +214,10 @@ class Iterate:
     log_determinant: float
     defects: Array
 
-    def with_noise(self, dive: Dive, noise: Array) -> "Iterate":
+    def with_noise(self, problem: SmootherProblem, noise: Array) -> "Iterate":
         """Return the same with the cost of its noise by other variances ``(n, 6)``."""
         disturbances = self.trajectory.disturbances
-        added = dive.decay * disturbances[:-1] - disturbances[1:]
+        added = problem.decay * disturbances[:-1] - disturbances[1:]
         return replace(self, costs=np.array([*self.costs[:2], 0.5 * np.sum(added**2 / noise)]))
 
     def merit(self, weights: Array, share: float) -> float:
@@ -235,20 +235,22 @@ def steps_per_segment(step: float) -> int:
     return max(1, round(_SEGMENT_DURATION / step))
 
 
-def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = None) -> NDArray[np.int64]:
-    """Divide a dive into segments: the first row of each, and the last row of the dive.
+def segment_rows(
+    problem: SmootherProblem, also: Sequence[int] = (), *, longest: int | None = None
+) -> NDArray[np.int64]:
+    """Divide a profile into segments: the first row of each, and the last row of the profile.
 
     Parameters
     ----------
-    dive : Dive
-        The dive; no segment has a sample inside.
+    problem : SmootherProblem
+        The profile; no segment has a sample inside.
     also : sequence of int
         Further rows at which a segment begins.
     longest : int, optional
         Largest number of steps of a segment; by default those of half a second.
     """
-    longest = steps_per_segment(dive.step) if longest is None else longest
-    needed = np.union1d(np.flatnonzero(dive.fed), [0, len(dive.bodies), *also]).astype(np.int64)
+    longest = steps_per_segment(problem.step) if longest is None else longest
+    needed = np.union1d(np.flatnonzero(problem.fed), [0, len(problem.bodies), *also]).astype(np.int64)
     parts = -(-np.diff(needed) // longest)
     inside = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     return np.append(np.repeat(needed[:-1], parts) + longest * inside, needed[-1])
@@ -257,14 +259,15 @@ def segment_rows(dive: Dive, also: Sequence[int] = (), *, longest: int | None = 
 def steps_of_mean_shifts(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each segment the number of steps that the mean shift of its first step represents (`Segments`).
 
-    One of five segments stands for all five, unless segments are single steps. The mean shift rises and falls between
-    samples, which are usually two segments apart: an even number would always take it from the same phase.
+    The mean shift of one in five segments is used for all five, unless segments are single steps. It rises and falls
+    between samples, which are usually two segments apart; an even number of segments would always sample it at the same
+    phase.
     """
     steps = np.diff(rows)
     if steps.max() == 1:
         return steps
-    groups = np.arange(0, len(steps), _SEGMENTS_OF_MEAN_SHIFT)
-    middle = np.minimum(groups + _SEGMENTS_OF_MEAN_SHIFT // 2, len(steps) - 1)
+    groups = np.arange(0, len(steps), _SEGMENTS_PER_MEAN_SHIFT)
+    middle = np.minimum(groups + _SEGMENTS_PER_MEAN_SHIFT // 2, len(steps) - 1)
     result = np.zeros_like(steps)
     result[middle] = np.add.reduceat(steps, groups)
     return result
@@ -275,7 +278,7 @@ class Sweeps:
 
     Parameters
     ----------
-    hull, dive : Hull, Dive
+    hull, problem : Hull, SmootherProblem
         The problem.
     rows : sequence of int
         Rows with full covariances.
@@ -287,25 +290,31 @@ class Sweeps:
     Attributes
     ----------
     rows : (s+1,) int
-        First row of each segment, and the last row of the dive.
+        First row of each segment, and the last row of the profile.
     mean_shift : (s+1, 16) or (0, 16)
         Gradient of the linear term of the cost in these rows; none for the mode.
     """
 
     def __init__(
-        self, hull: Hull, dive: Dive, rows: Sequence[int] = (), *, mean: bool = False, longest: int | None = None
+        self,
+        hull: Hull,
+        problem: SmootherProblem,
+        rows: Sequence[int] = (),
+        *,
+        mean: bool = False,
+        longest: int | None = None,
     ) -> None:
-        self.dive = dive
-        self.rows = segment_rows(dive, rows, longest=longest)
+        self.problem = problem
+        self.rows = segment_rows(problem, rows, longest=longest)
         self.mean_shift = np.zeros((len(self.rows) if mean else 0, 16))
         self._hull = hull
-        stands_for = steps_of_mean_shifts(self.rows) if mean else np.zeros(len(self.rows) - 1, dtype=np.int64)
-        self._segments = allocate_segments(self.rows, stands_for, whole=True)
+        represented_steps = steps_of_mean_shifts(self.rows) if mean else np.zeros(len(self.rows) - 1, dtype=np.int64)
+        self._segments = allocate_segments(self.rows, represented_steps, whole=True)
         self._block, self._costates = allocate_block(), allocate_costate()
-        self._tape = allocate_tape(dive.fed[self.rows], stands_for)
+        self._tape = allocate_tape(problem.fed[self.rows], represented_steps)
         self._tally = np.zeros(LOG_DETERMINANT + 1)
         self._mean = mean
-        self._backward = allocate_backward(len(self.rows) - 1, len(dive.bodies), rows, mean_shift=mean)
+        self._backward = allocate_backward(len(self.rows) - 1, len(problem.bodies), rows, mean_shift=mean)
 
     def forward(self, trajectory: Trajectory, gate: float = np.inf) -> Iterate:
         """Filter about a trajectory.
@@ -314,7 +323,7 @@ class Sweeps:
         the displacement along the trajectory.
         """
         kernel.forward(
-            self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, gate, self._segments,
+            self._hull, self.problem, trajectory.states, trajectory.disturbances, self.mean_shift, gate, self._segments,
             self._block, self._tally, self._tape,
         )  # fmt: skip
         return self._iterate_with_costs(trajectory)
@@ -324,7 +333,9 @@ class Sweeps:
 
         It computes no covariances. A backward sweep needs a forward sweep before it.
         """
-        kernel.run_path(self._hull, self.dive, trajectory.states, trajectory.disturbances, self._segments, self._tally)
+        kernel.run_path(
+            self._hull, self.problem, trajectory.states, trajectory.disturbances, self._segments, self._tally
+        )
         return self._iterate_with_costs(trajectory)
 
     def _iterate_with_costs(self, trajectory: Trajectory) -> Iterate:
@@ -336,7 +347,7 @@ class Sweeps:
     def backward(self, trajectory: Trajectory) -> Backward:
         """Smooth about the trajectory of the last forward sweep; the next backward sweep overwrites the result."""
         kernel.backward(
-            self._hull, self.dive, trajectory.states, trajectory.disturbances, self.mean_shift, self._segments,
+            self._hull, self.problem, trajectory.states, trajectory.disturbances, self.mean_shift, self._segments,
             self._block, self._tape, self._costates, self._backward,
         )  # fmt: skip
         return self._backward
@@ -347,12 +358,12 @@ class Sweeps:
         Inside the segments, the disturbances move by the smoothed noise; the states follow in the next forward sweep.
         """
         states, disturbances = trajectory.states.copy(), trajectory.disturbances.copy()
-        move_path(self.dive.decay, self.rows, linear.correction, linear.noise_mean, fraction, states, disturbances)
+        move_path(self.problem.decay, self.rows, linear.correction, linear.noise_mean, fraction, states, disturbances)
         return Trajectory(states, disturbances)
 
 
 _FIRST, _WEAKEST, _STRONGEST = 1.0, 0.5, 1e6
-"""Strengths of the damping: the first one, the least one, and the one beyond which damping is useless."""
+"""Strengths of the damping: the first and the smallest one, and that beyond which damping is useless."""
 _TIGHTER, _LOOSER = 10.0, 0.1
 """Factors on the strength."""
 
@@ -362,17 +373,17 @@ class Damping:
 
     Notes
     -----
-    Near rest the angle of attack swings by tens of degrees within the velocity's uncertainty, and a Gauss-Newton move
-    overshoots there, whereas the rest of the dive needs the whole move. To shorten it more and more would delay the
-    whole dive because of a few seconds. Therefore velocities and rates are damped towards the trajectory, with the
+    Near rest the angle of attack varies by tens of degrees within the velocity's uncertainty, and a Gauss-Newton move
+    overshoots there, whereas the rest of the profile needs the whole move. Shortening the move would delay the whole
+    profile because of a few seconds. Therefore velocities and rates are damped towards the trajectory, with the
     deviations of the initial state's prior over the square root of a strength. Rows that the record determines better
     than that hardly change (Särkkä and Svensson 2020, Levenberg-Marquardt and line-search extended Kalman smoothers,
     ICASSP 2020, 5875-5879).
     """
 
-    def __init__(self, dive: Dive) -> None:
-        self._dive = dive
-        self._variance = np.square(dive.deviation[4:10])
+    def __init__(self, problem: SmootherProblem) -> None:
+        self._problem = problem
+        self._variance = np.square(problem.deviation[4:10])
         self.set(0.0)
 
     @property
@@ -386,9 +397,9 @@ class Damping:
         return self.strength > _STRONGEST
 
     def set(self, strength: float) -> None:
-        """Set the strength of the damping; a strength below the least one means none."""
+        """Set the strength of the damping; below the smallest strength there is none."""
         self.strength = strength if strength >= _WEAKEST else 0.0
-        self._dive.damping[:] = self._variance / self.strength if self.active else np.inf
+        self._problem.damping[:] = self._variance / self.strength if self.active else np.inf
 
     def loosen(self) -> None:
         """Damp less, as after a successful move."""

@@ -1,15 +1,15 @@
-"""Path about which a dive's information on its hull is computed: a run of the model, without noise and without gusts.
+"""Path about which the information on the hull is computed: a run of the model, without noise and without gusts.
 
 The score of the hull's errors is unbiased if the innovations and their derivatives do not contain the same noise. A
-filter whose disturbances are not distributed like the water's is not optimal: in calm water it follows the noise of its
-sensors, in gusts it lags behind, and slow forces leave it with innovations of one sign for minutes. Its innovations
-then depend on past noise, and so does the path at which the derivatives are taken; their product biases the hull. A
-surge force that varies over ten to forty minutes, for example, reduced the drag by a fifth.
+filter is not optimal if the disturbances are not distributed as it assumes: in calm water it follows the noise of its
+sensors, in gusts it lags behind, and slow forces leave innovations of one sign for minutes. Its innovations then depend
+on past noise, and so does the path at which the derivatives are taken; the product of the two biases the hull. A surge
+force that varies over ten to forty minutes, for example, reduced the estimated drag by a fifth.
 
 The run has the mean surge force, heave force and pitch moment of each dive and climb, and is otherwise steered slowly
 along the smoothed path. It follows the glider, but hardly any noise or gusts. Its derivatives come mainly from the
-motion of the actuators, like an instrumental variable: their product with the innovations has little bias, whatever the
-noise.
+motion of the actuators, which serves as an instrumental variable: their product with the innovations has little bias,
+whatever the noise.
 
 The difference between the turning rates of path and run also shows whether gusts roll the glider.
 """
@@ -51,7 +51,7 @@ _MAX_RATE_DIFFERENCE = 3.0
 the filter's path is."""
 
 _MAX_SPEED_DIFFERENCE = 0.25
-"""Largest difference of the speeds, relative to the speed, for a run that represents the dive."""
+"""Largest difference of the speeds, relative to the speed, for a run that represents the profile."""
 
 _MIN_ROLL_DIFFERENCE = 0.6
 """Typical difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.5 on
@@ -83,9 +83,9 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     Returns
     -------
     Trajectory
-        A run of the model, steered along the smoothed path. Where the water turns the glider so much that the
-        derivatives at that run would be those of another dive, sway, roll and yaw are the filter's, and only surge,
-        heave and pitch are those of a run. Where no run represents the dive, as on a wrong hull, the filter's path.
+        A run of the model, steered along the smoothed path. If the water turns the glider so much that this run does
+        not represent the profile, only surge, heave and pitch are those of a run, and sway, roll and yaw are the
+        filter's. If no run represents the profile, as on a wrong hull, the filter's path.
     """
     run, disturbances = _run_along(profile, smoothed)
     if (_distances(profile, smoothed, run)[1:] <= _MAX_RATE_DIFFERENCE).all() and _keeps_speed(smoothed, run):
@@ -133,7 +133,7 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
 
 
 def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None) -> tuple[Array, Array]:
-    """Sensed states ``(n+1, 10)`` and disturbances ``(n, 6)`` of the run along a path, in turns along another one."""
+    """Sensed states ``(n+1, 10)`` and disturbances ``(n, 6)`` of a run along a path, or turning along another one."""
     step, steps = profile.series.step, len(profile.bodies)
     run = path.states[:, SENSED].copy()
     if turning is None:
@@ -159,7 +159,7 @@ def _trajectory(path: Trajectory, run: Array, disturbances: Array) -> Trajectory
 
 
 def _keeps_speed(path: Trajectory, run: Array) -> bool:
-    """Return whether the run is about as fast as the path; not if it flies off."""
+    """Return whether the run is about as fast as the path; False if it diverges."""
     speed = path.states[:, SENSED][:, _SPEED]
     with np.errstate(over="ignore", invalid="ignore"):
         return bool(np.mean((run[:, _SPEED] - speed) ** 2) <= _MAX_SPEED_DIFFERENCE**2 * np.mean(speed**2))
@@ -174,9 +174,9 @@ def _distances(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:
 def _squared_differences(profile: PreparedProfile, path: Trajectory, run: Array) -> Array:
     """Squared differences ``(n+1, 3)`` of the rates p, q and r, in units of the angles' resolution per sample interval.
 
-    A run that flies off has rates whose squares overflow; NaN fails every comparison, as intended.
+    The squares overflow if the run diverges; NaN fails every comparison, as intended.
     """
     resolution = np.radians(profile.glider.platform.sensors.attitude_resolution)
     with np.errstate(over="ignore", invalid="ignore"):
-        apart = (run - path.states[:, SENSED])[:, _RATES] * profile.series.sample_interval / resolution
-        return np.asarray(apart**2)
+        difference = (run - path.states[:, SENSED])[:, _RATES] * profile.series.sample_interval / resolution
+        return np.asarray(difference**2)

@@ -220,7 +220,7 @@ def import_mission(
         The sources cannot be used, or `out` may not be replaced or cannot be written.
     """
     sources, out = [Path(source) for source in sources], Path(out)
-    check_place(out, sources, is_record, overwrite=overwrite)
+    check_location(out, sources, is_record, overwrite=overwrite)
     mission = read(sources)
     time: TimeArray = mission.variables["time"].astype("datetime64[ns]")
     depth: FloatArray = mission.variables["depth"].astype(np.float64)
@@ -265,7 +265,7 @@ def import_mission(
     )
 
 
-def check_place(out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool) -> None:
+def check_location(out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool) -> None:
     """Refuse to write over a record, which a missing last argument would destroy.
 
     Raises

@@ -6,11 +6,11 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_netcdf_name, check_output
 from gliderhpc.store_schema import STATUS
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import counted
 
 
-def check_place(archive: Place, out: Path, overwrite: bool) -> None:
+def check_location(archive: Location, out: Path, overwrite: bool) -> None:
     """Refuse a file that cannot be written, exists already, or is inside the archive.
 
     Raises
@@ -24,7 +24,7 @@ def check_place(archive: Place, out: Path, overwrite: bool) -> None:
     check_output(out, overwrite=overwrite, inputs=(archive,))
 
 
-def unfit_profiles(archive: Place, tree: Archive) -> dict[int, str]:
+def unfit_profiles(archive: Location, tree: Archive) -> dict[int, str]:
     """Return the failed profiles with their messages.
 
     Raises

@@ -9,13 +9,13 @@ from gliderhpc.output_files import check_folder
 from gliderhpc.report.page.fleet import write_fleet
 from gliderhpc.report.page.mission_page import write_mission_page, write_profile_page
 from gliderhpc.report.page.rendering import Written, check_apart
-from gliderhpc.store_schema.place import Place, is_address
+from gliderhpc.store_schema.location import Location, is_address
 
 __all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]
 
 
 def write_report(
-    store: Place | Sequence[Place],
+    store: Location | Sequence[Location],
     out: str | Path,
     *,
     profile: int | None = None,

@@ -29,7 +29,7 @@ from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
 from gliderhpc.report.page.rendering import Written, check_apart, write_page
-from gliderhpc.store_schema.place import Place, absolute, is_address
+from gliderhpc.store_schema.location import Location, absolute, is_address
 from gliderhpc.wording import counted
 
 _COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "anomalies")
@@ -54,7 +54,7 @@ class _Member:
     """Mission of a fleet: archive, folder of its page, state if it can be read, and reason of a failure."""
 
     number: int
-    place: Place
+    place: Location
     folder: str
     state: MissionState | None = None
     fault: str = ""
@@ -85,7 +85,7 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def write_fleet(places: Sequence[Place], out: Path) -> Written:
+def write_fleet(places: Sequence[Location], out: Path) -> Written:
     """Write the page of every mission into a separate folder, and the page of the fleet.
 
     Parameters
@@ -118,7 +118,7 @@ def write_fleet(places: Sequence[Place], out: Path) -> Written:
     return replace(written, failed=tuple(member.fault for member in members if member.fault))
 
 
-def folder_names(places: Sequence[Place]) -> list[str]:
+def folder_names(places: Sequence[Location]) -> list[str]:
     """Return a folder name for each archive: its name without ``.zarr``, preceded by parent folders if names are equal.
 
     Names that differ only in case are regarded as equal, since some file systems do not distinguish them.
@@ -143,7 +143,7 @@ def folder_names(places: Sequence[Place]) -> list[str]:
             depths[index] += 1
 
 
-def _name_parts(place: Place) -> list[str]:
+def _name_parts(place: Location) -> list[str]:
     """Return the parts of a place's name that can name a folder, the last one without ``.zarr``."""
     # The scheme of an address is not a folder.
     name = absolute(place).partition("://")[2] if is_address(place) else absolute(place)

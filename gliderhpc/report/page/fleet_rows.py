@@ -21,7 +21,7 @@ from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
 from gliderhpc.report.surfacing_message import Current, Water
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.registry import ALL_STUDIES
 
 _ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
@@ -172,7 +172,7 @@ def _minute(instant: str) -> str:
     return instant[:16].replace("T", " ")
 
 
-def read_state(place: Place) -> MissionState:
+def read_state(place: Location) -> MissionState:
     """Read the state of a mission from its archive.
 
     Raises

@@ -19,7 +19,7 @@ from gliderhpc.report.page.profile_page import profile_page, representative_sect
 from gliderhpc.report.page.rendering import Written, write_page
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, provenance_section
 from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__
 from gliderhpc.wording import counted
@@ -29,7 +29,7 @@ MISSION_PAGE = "index.html"
 
 
 def write_mission_page(
-    place: Place,
+    place: Location,
     out: Path,
     twins: Path | None = None,
     truth: Path | None = None,
@@ -77,7 +77,7 @@ class PageSource:
         Output folder of ``twin windows``, and truth of a synthetic mission.
     """
 
-    place: Place
+    place: Location
     out: Path
     twins: Path | None = None
     truth: Path | None = None
@@ -127,13 +127,13 @@ MakeSection = Callable[..., PageSection | None]
 """Function that makes a section, or None, from an archive passed as the keyword argument `archive`."""
 
 
-def _drawn_sections(place: Place, makers: Sequence[MakeSection], executor: Executor) -> list[PageSection | None]:
+def _drawn_sections(place: Location, makers: Sequence[MakeSection], executor: Executor) -> list[PageSection | None]:
     """Make sections of an archive, with their figures drawn, on the workers of an executor."""
     sections = dict(executor.run(partial(_drawn_section, place), list(enumerate(makers))))
     return [sections[index] for index in range(len(makers))]
 
 
-def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, PageSection | None]:
+def _drawn_section(place: Location, job: tuple[int, MakeSection]) -> tuple[int, PageSection | None]:
     """Make one section, as the job of a worker."""
     index, make = job
     with archive_errors(place), open_for_reading(place) as archive:
@@ -141,7 +141,7 @@ def _drawn_section(place: Place, job: tuple[int, MakeSection]) -> tuple[int, Pag
         return index, None if section is None else drawn(section)
 
 
-def write_profile_page(place: Place, number: int, out: Path, truth: Path | None = None) -> Written:
+def write_profile_page(place: Location, number: int, out: Path, truth: Path | None = None) -> Written:
     """Write the page of one profile, ``profile_N.html``, into the folder of the mission's page.
 
     Raises
@@ -157,7 +157,7 @@ def write_profile_page(place: Place, number: int, out: Path, truth: Path | None 
     return written
 
 
-def made_line(source: Place) -> str:
+def made_line(source: Location) -> str:
     """Return the line at the foot of a page made from an archive, or from the described source."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return f"Made by gliderhpc {__version__} from {source} on {now}."

@@ -37,13 +37,13 @@ from gliderhpc.report.page.reproduction import provenance_section, study_command
 from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.currents import figure_7, nothing_retrieved
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import outdated_because, provenance_of
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.vocabulary import QUALITY
 
 
-def profile_page(archive: Archive, number: int, place: Place, command: str, truth: Path | None) -> Page:
+def profile_page(archive: Archive, number: int, place: Location, command: str, truth: Path | None) -> Page:
     """Assemble the page of an estimated profile, compared with `truth` if that of a synthetic mission is passed.
 
     Raises
@@ -148,7 +148,7 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
     return (picture, Table(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
 
 
-def _currents(archive: Archive, data: ProfileData, place: Place, stem: str) -> tuple[Block, ...]:
+def _currents(archive: Archive, data: ProfileData, place: Location, stem: str) -> tuple[Block, ...]:
     caption = (
         "Tracks under the identified disturbances: through the water and, with the residual drift distributed so that "
         "the track ends on the fixes, over the ground; the arrow is the adopted depth-averaged current. For "
@@ -255,7 +255,7 @@ _BY_DEPTH_CAPTION = (
 )
 
 
-def depth_resolved_blocks(archive: Archive, number: int, place: Place, stem: str) -> tuple[Block, ...]:
+def depth_resolved_blocks(archive: Archive, number: int, place: Location, stem: str) -> tuple[Block, ...]:
     """Show Figure 7 and the depth bins of a profile, or the reason why there are none."""
     if _CURRENTS not in studies_in(archive) or number not in provenance_of(archive, _CURRENTS).profiles:
         command = study_command(_CURRENTS, archive, place)

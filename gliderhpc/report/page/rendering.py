@@ -20,7 +20,7 @@ from gliderhpc.findings.drawing import Images, images_of
 from gliderhpc.findings.findings import number, write_csv
 from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import FigureBlock, LinkedTable, Page, Table
-from gliderhpc.store_schema.place import Place, absolute, is_address
+from gliderhpc.store_schema.location import Location, absolute, is_address
 from gliderhpc.version import __version__
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _decimal(value: float) -> str:
     return number(value).replace("-", "−", 1) if math.isfinite(value) and value < 0.0 else number(value)
 
 
-def check_apart(places: Sequence[Place], folders: Sequence[Path]) -> None:
+def check_apart(places: Sequence[Location], folders: Sequence[Path]) -> None:
     """Check that no page is written into an archive.
 
     Raises

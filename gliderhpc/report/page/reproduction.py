@@ -18,7 +18,7 @@ from gliderhpc.platform import read_platform, shipped_platforms
 from gliderhpc.report.facts import flatten_settings
 from gliderhpc.report.page.content import Block, Commands, Facts, PageSection, Table
 from gliderhpc.report.studies import studies_in
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__
 
@@ -32,7 +32,7 @@ _OPTION_SETTINGS = ("preset", "engine", "start")
 """Settings with a command-line option of their own."""
 
 
-def run_command(archive: Archive, place: Place) -> str:
+def run_command(archive: Archive, place: Location) -> str:
     """Return the command that repeats the run, with all settings that differ from the defaults."""
     settings = dict(archive.attrs.get("settings") or {})
     options = [word for name in _OPTION_SETTINGS if settings.get(name) for word in (f"--{name}", settings[name])]
@@ -66,7 +66,7 @@ def _changed_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def study_command(name: str, archive: Archive, place: Place) -> str:
+def study_command(name: str, archive: Archive, place: Location) -> str:
     """Return the command that runs a study, with the options of the archived run if there is one."""
     made = archive[name].attrs if name in archive.children else {}
     if name == "validation":
@@ -116,7 +116,7 @@ def _printable(word: object) -> str:
 _LIBRARIES = ("numpy", "numba", "scipy", "xarray", "zarr", "matplotlib")
 
 
-def provenance_section(archive: Archive, place: Place, command: str) -> PageSection:
+def provenance_section(archive: Archive, place: Location, command: str) -> PageSection:
     """Return versions, digests, settings and platform, and the commands that reproduce archive and page."""
     studies = studies_in(archive)
     commands = (run_command(archive, place), *(study_command(name, archive, place) for name in studies), command)

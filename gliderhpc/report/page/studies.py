@@ -29,7 +29,7 @@ from gliderhpc.report.page.content import (
 )
 from gliderhpc.report.page.reproduction import study_command
 from gliderhpc.report.studies import show_study, studies_in
-from gliderhpc.store_schema.place import Place
+from gliderhpc.store_schema.location import Location
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.registry import ALL_STUDIES, load_study
 from gliderhpc.wording import counted
@@ -59,7 +59,7 @@ def study_names() -> list[str]:
     return [*HEADINGS, *(name for name in ALL_STUDIES if name not in HEADINGS)]
 
 
-def study_section(name: str, archive: Archive, summary: Summary, place: Place) -> PageSection:
+def study_section(name: str, archive: Archive, summary: Summary, place: Location) -> PageSection:
     """Return the section of one study: its findings, or the reason why there are none and the command for them."""
     heading_text, published = HEADINGS.get(name, (name.capitalize(), ""))
     command = study_command(name, archive, place)

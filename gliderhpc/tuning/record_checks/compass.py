@@ -61,11 +61,11 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
     motion = glide_angle_motion(platform, series, vibration_set(platform, series))
     still = SelfMotion(np.zeros_like(motion.steps), 0.0)
     tracks = (track_of(series, m, single_cycle(series)) for m in (still, motion))
-    carried, current = (depth_averaged_current(record, track, errors) for track in tracks)
+    drift, current = (depth_averaged_current(record, track, errors) for track in tracks)
     length = float(np.linalg.norm(motion.total))
-    if carried is None or current is None or not length > MIN_LENGTH:
+    if drift is None or current is None or not length > MIN_LENGTH:
         return None
-    elapsed = length / float(np.linalg.norm(carried.velocity - current.velocity))
+    elapsed = length / float(np.linalg.norm(drift.velocity - current.velocity))
     starboard = np.column_stack([-motion.steps[:, 1], motion.steps[:, 0]])
     heading = series.measurements[:-1, 2]
     basis = np.column_stack([np.ones(len(heading)), harmonics(heading)])
@@ -126,11 +126,11 @@ class _Fit:
         """Ratio of the threshold to the standard error at a rate of false alarms."""
         return student_quantile(1.0 - 0.5 * level, self.freedom(legs))
 
-    def test(self, which: NDArray[np.intp]) -> tuple[float, int]:
+    def test(self, tested: NDArray[np.intp]) -> tuple[float, int]:
         """Wald's statistic of some of the five parameters, and the number of their directions that were estimated."""
-        rank = int(np.linalg.matrix_rank(self.directions[which]))
-        inverse = np.linalg.pinv(self.covariance[np.ix_(which, which)], rcond=1e-9, hermitian=True)
-        return float(self.values[which] @ inverse @ self.values[which]), rank
+        rank = int(np.linalg.matrix_rank(self.directions[tested]))
+        inverse = np.linalg.pinv(self.covariance[np.ix_(tested, tested)], rcond=1e-9, hermitian=True)
+        return float(self.values[tested] @ inverse @ self.values[tested]), rank
 
 
 def compass_findings(
@@ -167,15 +167,15 @@ def compass_findings(
     found there is not determined.
     """
     if len(legs) < MIN_LEGS:
-        why = f"{counted(len(legs), 'profile')} with a fix on either side, but at least {MIN_LEGS} are needed"
-        return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
+        reason = f"{counted(len(legs), 'profile')} with a fix on either side, but at least {MIN_LEGS} are needed"
+        return [undetermined(CHECK, name, UNIT, reason) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
     fits = [
         fit for fit in map(system.fitted, MODELS) if fit.largest_error < 0.5 * np.radians(checks.plausible_deviation)
     ]
     if not fits:
-        why = "the currents differ too much from profile to profile"
-        return [undetermined(CHECK, name, UNIT, why) for name in (CONSTANT, DEVIATION)]
+        reason = "the currents differ too much from profile to profile"
+        return [undetermined(CHECK, name, UNIT, reason) for name in (CONSTANT, DEVIATION)]
     made = records or RecordSettings()
     return [_constant(fits, len(legs), checks, made), _deviation(fits, len(legs), turns, checks, made)]
 
@@ -238,17 +238,17 @@ def _largest_threshold(checks: CheckSettings) -> float:
     return max(checks.plausible_deviation, checks.least_deviation)
 
 
-def _first_decisive(found: Sequence[Finding], checks: CheckSettings) -> int:
+def _first_decisive(findings: Sequence[Finding], checks: CheckSettings) -> int:
     """Index of the first finding with a threshold of at most a plausible error; the last if there is none."""
-    decisive = (index for index, finding in enumerate(found) if finding.threshold <= _largest_threshold(checks))
-    return next(decisive, len(found) - 1)
+    decisive = (index for index, finding in enumerate(findings) if finding.threshold <= _largest_threshold(checks))
+    return next(decisive, len(findings) - 1)
 
 
 def _constant(fits: Sequence[_Fit], legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
-    found = [_constant_of(fit, legs, checks, made) for fit in fits]
-    chosen = _first_decisive(found, checks)
+    findings = [_constant_of(fit, legs, checks, made) for fit in fits]
+    chosen = _first_decisive(findings, checks)
     return undetermined_if_insensitive(
-        found[chosen], _largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
+        findings[chosen], _largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
     )
 
 
@@ -271,36 +271,36 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings, made: RecordSettin
 def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
     """Describe how many legs the constant needs if its error decreases with the square root of their number."""
     error, largest = np.degrees(np.sqrt(fit.covariance[0, 0])), _largest_threshold(checks)
-    enough = (
+    sufficient = (
         number
         for number in range(legs + 1, 10 * legs)
         if fit.quantile(number, checks.level) * error * np.sqrt(legs / number) <= largest
     )
-    number = next(enough, None)
+    number = next(sufficient, None)
     return f"{counted(legs, 'leg')}, but " + (f"about {number} are needed" if number else "many more are needed")
 
 
 def _deviation(
     fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings
 ) -> Finding:
-    found = [_deviation_of(fit, legs, turns, checks, made) for fit in fits if fit.unknowns > 1]
-    if not found:
-        why = f"{counted(legs, 'leg')}: too few headings, or currents that differ too much"
-        return undetermined(CHECK, DEVIATION, UNIT, why)
+    findings = [_deviation_of(fit, legs, turns, checks, made) for fit in fits if fit.unknowns > 1]
+    if not findings:
+        reason = f"{counted(legs, 'leg')}: too few headings, or currents that differ too much"
+        return undetermined(CHECK, DEVIATION, UNIT, reason)
     remedy = f"{counted(legs, 'leg')} and {turns.count} stretches of turns, but more are needed"
-    return undetermined_if_insensitive(found[_first_decisive(found, checks)], _largest_threshold(checks), remedy)
+    return undetermined_if_insensitive(findings[_first_decisive(findings, checks)], _largest_threshold(checks), remedy)
 
 
 def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings) -> Finding:
-    which = np.arange(1, 5)
-    statistic, rank = fit.test(which)
-    values = np.degrees(fit.values[which])
+    harmonic_indices = np.arange(1, 5)
+    statistic, rank = fit.test(harmonic_indices)
+    values = np.degrees(fit.values[harmonic_indices])
     amplitude = float(np.linalg.norm(values))
     error = amplitude / np.sqrt(statistic) if statistic > 0.0 else float("nan")
     limit = np.sqrt(rank * f_quantile(1.0 - checks.level, rank, fit.freedom(legs))) * error
     threshold = max(limit, checks.least_deviation)
     harmonics_found = (
-        "both harmonics" if rank == len(which) else "first harmonic; the second cannot be separated from it"
+        "both harmonics" if rank == len(harmonic_indices) else "first harmonic; the second cannot be separated from it"
     )
     remark = f"{harmonics_found}; {counted(legs, 'leg')}, {turns.count} stretches of turns"
     parts = ", ".join(f"{value:.1f}" for value in made.heading_deviation + values)
@@ -340,7 +340,7 @@ class _System:
         turn_vector[:width] = directions.T @ self._turns.vector
         best = min(
             (self._posterior(design, prior, turn_vector, memory, ratio) for memory in _MEMORIES for ratio in _RATIOS),
-            key=lambda found: found[0],
+            key=lambda candidate: candidate[0],
         )
         values, covariance = best[1][:width], best[2][:width, :width]
         return _Fit(directions @ values, directions @ covariance @ directions.T, directions)
@@ -349,15 +349,15 @@ class _System:
         self, design: Array, prior: Array, turn_vector: Array, memory: float, ratio: float
     ) -> tuple[float, Array, Array]:
         """Minus twice the restricted log-likelihood with the best variance of the current, estimate and covariance."""
-        apart = np.abs(self._time[:, None] - self._time[None, :])
-        shape = np.kron(np.eye(2), np.eye(len(self._time)) + ratio * np.exp(-apart / memory))
+        separation = np.abs(self._time[:, None] - self._time[None, :])
+        shape = np.kron(np.eye(2), np.eye(len(self._time)) + ratio * np.exp(-separation / memory))
         factor = scipy.linalg.cho_factor(shape, lower=True)
         whitened = scipy.linalg.cho_solve(factor, design)
         normal, score = design.T @ whitened, whitened.T @ self._current
         freedom = len(self._current) - design.shape[1]
         values = np.linalg.lstsq(normal, score, rcond=None)[0]
-        left = self._current - design @ values
-        variance = float(left @ scipy.linalg.cho_solve(factor, left)) / freedom
+        residual = self._current - design @ values
+        variance = float(residual @ scipy.linalg.cho_solve(factor, residual)) / freedom
         determinants = (
             2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(normal + 1e-12 * np.eye(len(normal)))[1]
         )

@@ -117,13 +117,13 @@ def hull_unknowns(platform: Platform, coefficients: float, sides: float, *, by_d
         Whether the buoyancy follows measured density.
     """
     spreads = {p.key: p.spread(platform) for p in (PARAMETERS_BY_DENSITY if by_density else PARAMETERS)}
-    found = [
+    unknowns = [
         Unknown(NEUTRAL_VOLUME, spreads[NEUTRAL_VOLUME], limited=False),
         *(Unknown(key, coefficients) for key in _COEFFICIENTS),
     ]
-    found += [Unknown(key, spreads[key]) for key in _WATER if key in spreads]
-    found += [Unknown(SIDES, sides), Unknown(EXPONENT, _EXPONENT_ERROR)]
-    return found if by_density else [*found, Unknown(LAYER, _LAYER_ERROR)]
+    unknowns += [Unknown(key, spreads[key]) for key in _WATER if key in spreads]
+    unknowns += [Unknown(SIDES, sides), Unknown(EXPONENT, _EXPONENT_ERROR)]
+    return unknowns if by_density else [*unknowns, Unknown(LAYER, _LAYER_ERROR)]
 
 
 def fit_depth_rates(
@@ -151,14 +151,14 @@ def fit_depth_rates(
         known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
         if np.count_nonzero(known) < 0.5 * len(known):
             break
-        design, left = jacobian[known], residuals[known]
-        weights = biweights(left, _MIN_RESIDUAL)
-        weights /= cluster_inflation(np.sqrt(weights) * left, leg[known])
+        design, residual = jacobian[known], residuals[known]
+        weights = biweights(residual, _MIN_RESIDUAL)
+        weights /= cluster_inflation(np.sqrt(weights) * residual, leg[known])
         normal = design.T @ (weights[:, None] * design) + np.diag(prior)
-        move = solve_normal_equations(normal, design.T @ (weights * left) - prior * steps)
-        steps = steps + np.clip(move, -_LONGEST, _LONGEST)
-        if np.abs(move).max() < _CONVERGED:
-            covariance = left_out_covariance(design, weights, left, block[known], prior)
+        change = solve_normal_equations(normal, design.T @ (weights * residual) - prior * steps)
+        steps = steps + np.clip(change, -_LONGEST, _LONGEST)
+        if np.abs(change).max() < _CONVERGED:
+            covariance = left_out_covariance(design, weights, residual, block[known], prior)
             return DepthRateFit(tuple(unknowns), steps, covariance, len(np.unique(block[known])))
     raise UndeterminedError("the hull's balance does not fit these glides; calibrate the hull")
 
@@ -183,12 +183,12 @@ class _Model:
     def with_jacobian(self, steps: Array) -> tuple[Array, Array]:
         """Depth rates and their derivatives (n, p)."""
         glide = _glide_of(self.platform, self.segments, self._errors(steps))
-        here = self._rate(steps, glide)
-        moved = [
+        rates = self._rate(steps, glide)
+        displaced = [
             self._rate(steps + move, None if unknown.name in _OF_GLIDE else glide)
             for unknown, move in zip(self.unknowns, _STEP * np.eye(len(steps)), strict=True)
         ]
-        return here, (np.column_stack(moved) - here[:, None]) / _STEP
+        return rates, (np.column_stack(displaced) - rates[:, None]) / _STEP
 
     def _rate(self, steps: Array, glide: _Glide | None) -> Array:
         errors = self._errors(steps)
@@ -248,23 +248,23 @@ def _glide_of(platform: Platform, segments: SteadySegments, errors: Mapping[str,
     pitch = (1.0 + errors[SCALE]) * (segments.pitch - errors[OFFSET])
     diving = segments.depth_rate > 0.0
     path, drag = np.empty_like(pitch), np.empty_like(pitch)
-    for side, sign in ((diving, 1.0), (~diving, -1.0)):
-        here = with_values(hull, {"viscous.K_D0": hull.viscous.K_D0 * math.exp(sign * errors[SIDES])})
-        alpha = angle_of_attack(here, pitch[side])
-        path[side], drag[side] = pitch[side] - alpha, drag_and_lift(here, alpha)[0]
+    for phase, sign in ((diving, 1.0), (~diving, -1.0)):
+        phase_hull = with_values(hull, {"viscous.K_D0": hull.viscous.K_D0 * math.exp(sign * errors[SIDES])})
+        alpha = angle_of_attack(phase_hull, pitch[phase])
+        path[phase], drag[phase] = pitch[phase] - alpha, drag_and_lift(phase_hull, alpha)[0]
     return _Glide(path, drag)
 
 
 def _with_errors(platform: Platform, errors: Mapping[str, float], keys: Sequence[str]) -> dict[str, float | None]:
     """Numbers of the platform file with their errors added, by key."""
-    found: dict[str, float | None] = {}
+    numbers: dict[str, float | None] = {}
     for key in keys:
         error = errors.get(key, 0.0)
         if error != 0.0:
             parameter = _PARAMETERS[key]
             value = parameter.value(platform)
-            found[key] = value * math.exp(error) if parameter.factor else value + error
-    return found
+            numbers[key] = value * math.exp(error) if parameter.factor else value + error
+    return numbers
 
 
 def _net_weight(hull: Platform, segments: SteadySegments, layer: float, *, by_density: bool) -> Array:

@@ -43,7 +43,7 @@ _LAG = ("lag", LAG, "s")
 REACH = 4
 """Maximum lag tried, in sample intervals, in either direction."""
 
-_SHARE, _SHARE_OF_SLOW = 0.25, 0.6
+_LAG_ERROR, _SLOW_LAG_ERROR = 0.25, 0.6
 """Error of the lag in sample intervals, for fast and for slow sensors."""
 
 MIN_PROFILES = 3
@@ -99,8 +99,8 @@ def lag_finding(
     if not np.isfinite(error):
         return undetermined(*_LAG, "the filter's likelihood has no maximum; calibrate the hull")
     quantile = student_quantile(1.0 - 0.5 * checks.level, len(series) - 1)
-    share = _SHARE if interval <= SLOW_SENSORS_PRIOR else _SHARE_OF_SLOW
-    error = float(np.hypot(error, max(checks.timing_error, share * interval)))
+    lag_error = _LAG_ERROR if interval <= SLOW_SENSORS_PRIOR else _SLOW_LAG_ERROR
+    error = float(np.hypot(error, max(checks.timing_error, lag_error * interval)))
     threshold = quantile * error
     finding = Finding(
         *_LAG,
@@ -118,13 +118,13 @@ def lag_finding(
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:
     """Vertex of the parabola through the sum of the profiles' curves ``(n, 3)``, and its error from their scatter."""
     slope = 0.5 * (curve[:, 2] - curve[:, 0]) / spacing
-    bend = (curve[:, 2] - 2.0 * curve[:, 1] + curve[:, 0]) / spacing**2
-    if bend.sum() >= 0.0:
+    curvature = (curve[:, 2] - 2.0 * curve[:, 1] + curve[:, 0]) / spacing**2
+    if curvature.sum() >= 0.0:
         return float("nan"), float("nan")
-    shift = -slope.sum() / bend.sum()
-    left = slope + bend * shift
+    shift = -slope.sum() / curvature.sum()
+    slope_there = slope + curvature * shift
     count = len(curve)
-    error = np.sqrt(count / (count - 1) * np.sum(left**2)) / abs(bend.sum())
+    error = np.sqrt(count / (count - 1) * np.sum(slope_there**2)) / abs(curvature.sum())
     return middle + float(shift), float(error)
 
 
@@ -141,11 +141,11 @@ def _log_likelihood(
         profiles += [PreparedProfile(glider, _with_depth_earlier(profile, lag), bodies, vibrating) for lag in lags]
         priors += [default_prior(platform, profile.attitude_interval)] * len(lags)
     gate = settings.filter.gate
-    found = [
+    log_likelihoods = [
         np.nansum(log_density(estimate.innovations, estimate.innovation_variances, gate))
         for estimate in filter_with_priors(profiles, priors, settings)
     ]
-    return np.reshape(found, (len(series), len(lags)))
+    return np.reshape(log_likelihoods, (len(series), len(lags)))
 
 
 def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
@@ -174,8 +174,8 @@ def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
 
 def _rows_inside(series: ProfileSeries) -> tuple[int, int]:
     """First and last row of a series that stay inside the record for all lags tried and for the smoothing."""
-    off = round((REACH + 2) * series.sample_interval / series.step)
-    return off, len(series.time) - 1 - off
+    margin = round((REACH + 2) * series.sample_interval / series.step)
+    return margin, len(series.time) - 1 - margin
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class Inspection:
 
 
 @dataclass
-class _Gathered:
+class _CheckInputs:
     """Input of the checks from the profiles read so far."""
 
     legs: list[Leg]
@@ -219,12 +219,12 @@ class _Gathered:
         settings: EstimationSettings,
         current: CurrentSettings,
         *,
-        keep: bool,
+        with_series: bool,
     ) -> None:
-        """Add a profile to the input of the checks; its series, which is large, is stored only if `keep`."""
+        """Add a profile to the input of the checks, with its series, which is large, only if the lag needs it."""
         series = on_steps(record, settings, platform)
         self.numbers.append(record.number)
-        if keep:
+        if with_series:
             self.series[record.number] = series
         leg = leg_of(platform, record, series, current.errors(platform))
         if leg is not None:
@@ -256,9 +256,10 @@ def inspect_records(
     usable = [number for number in numbers if number not in observations.faults]
     chosen = evenly_spaced(usable, checks.profiles)
     records = (observations.profile(number) for number in chosen)
-    found = inspect_profiles(records, platform, settings, checks, current, evenly_spaced(chosen, checks.lag_profiles))
+    lag_profiles = evenly_spaced(chosen, checks.lag_profiles)
+    inspection = inspect_profiles(records, platform, settings, checks, current, lag_profiles)
     faults = {number: observations.faults[number] for number in numbers if number in observations.faults}
-    return replace(found, left_out=faults | found.left_out)
+    return replace(inspection, left_out=faults | inspection.left_out)
 
 
 def inspect_profiles(
@@ -270,18 +271,18 @@ def inspect_profiles(
     for_lag: Sequence[int],
 ) -> Inspection:
     """Check records one at a time, as `inspect_records` does; the lag is estimated on the profiles `for_lag`."""
-    gathered, left_out = _Gathered([], [], [], {}, []), {}
+    inputs, left_out = _CheckInputs([], [], [], {}, []), {}
     for record in records:
         try:
-            gathered.add(platform, record, settings, current, keep=record.number in for_lag)
+            inputs.add(platform, record, settings, current, with_series=record.number in for_lag)
         except ProfileError as error:
             left_out[record.number] = str(error)
-    segments = join_segments(gathered.segments) if gathered.segments else None
-    turns = turn_information(gathered.turns, np.radians(checks.plausible_deviation))
+    segments = join_segments(inputs.segments) if inputs.segments else None
+    turns = turn_information(inputs.turns, np.radians(checks.plausible_deviation))
     findings = [
-        lag_finding(platform, list(gathered.series.values()), settings, checks),
+        lag_finding(platform, list(inputs.series.values()), settings, checks),
         *pitch_findings(platform, segments, checks, settings.records),
-        *compass_findings(gathered.legs, turns, checks, settings.records),
-        sense_finding(gathered.legs, checks),
+        *compass_findings(inputs.legs, turns, checks, settings.records),
+        sense_finding(inputs.legs, checks),
     ]
-    return Inspection(tuple(findings), tuple(gathered.numbers), left_out)
+    return Inspection(tuple(findings), tuple(inputs.numbers), left_out)

@@ -110,24 +110,25 @@ def turn_information(parts: Sequence[TurnStretches], plausible: float) -> TurnIn
     line = np.column_stack([phase * column for phase in phases for column in (np.ones(len(roll)), roll, rudder)])
     line = line[:, np.abs(line).sum(axis=0) > 0.0]
     slopes = _slopes(heading)
-    coefficients, found = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
+    coefficients, deviation = np.linalg.lstsq(line, rate, rcond=None)[0], np.zeros(_HARMONICS)
     if np.var(rate - line @ coefficients) > (1.0 - MIN_EXPLAINED) * np.var(rate):
         return nothing
     for _ in range(_PASSES):
-        design = np.column_stack([line * (1.0 + slopes @ found)[:, None], slopes * (line @ coefficients)[:, None]])
-        left = rate - (line @ coefficients) * (1.0 + slopes @ found)
-        weights = biweights(left, _MIN_SCALE)
+        design = np.column_stack([line * (1.0 + slopes @ deviation)[:, None], slopes * (line @ coefficients)[:, None]])
+        residual = rate - (line @ coefficients) * (1.0 + slopes @ deviation)
+        weights = biweights(residual, _MIN_SCALE)
         prior = np.append(np.zeros(line.shape[1]), np.full(_HARMONICS, plausible**-2.0))
-        score = design.T @ (weights * left) - prior * np.append(coefficients, found)
+        score = design.T @ (weights * residual) - prior * np.append(coefficients, deviation)
         step = solve_normal_equations(design.T @ (weights[:, None] * design) + np.diag(prior), score)
         coefficients = coefficients + step[: line.shape[1]]
-        found = found + step[line.shape[1] :]
-    covariance = left_out_covariance(design, weights, left, profile, prior, biweight_stiffness(left, _MIN_SCALE))
+        deviation = deviation + step[line.shape[1] :]
+    stiffness = biweight_stiffness(residual, _MIN_SCALE)
+    covariance = left_out_covariance(design, weights, residual, profile, prior, stiffness)
     covariance = covariance[line.shape[1] :, line.shape[1] :]
-    information, known = np.zeros((5, 5)), _hartlap_factor(len(np.unique(profile)))
-    information[1:, 1:] = known * _without_prior(covariance, plausible)
-    # The prior draws the estimate towards zero; the information vector must not contain this effect.
-    vector = np.append(0.0, known * np.linalg.solve(covariance, found))
+    information, factor = np.zeros((5, 5)), _hartlap_factor(len(np.unique(profile)))
+    information[1:, 1:] = factor * _without_prior(covariance, plausible)
+    # The prior shifts the estimate towards zero; the information vector must not contain this effect.
+    vector = np.append(0.0, factor * np.linalg.solve(covariance, deviation))
     return TurnInformation(information, vector, turning)
 
 

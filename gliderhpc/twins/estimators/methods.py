@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.estimation.profile import smooth_profile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
-from gliderhpc.estimation.smoother.iterate import smooth_dive
+from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.outcomes import Outcome
 from gliderhpc.twins.cases import TwinCase
 from gliderhpc.twins.inversion import TwinInversion, invert_twin
@@ -116,7 +116,7 @@ def _smooth(twin: TwinCache, settings: EstimationSettings) -> EstimatorResult:
     estimate = twin.usual.estimate
     began = time.perf_counter()
     with threadpool_limits(limits=1):
-        smoothed = smooth_dive(estimate.profile, estimate.filtered, settings)
+        smoothed = run_smoother(estimate.profile, estimate.filtered, settings)
         seconds = twin.filter_seconds + time.perf_counter() - began
         uncertainty = _uncertainty(twin, settings, smoothed) if smoothed.outcome.usable else (None, None)
     return EstimatorResult(

@@ -31,7 +31,7 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.codecs import MAX_INLINE_BYTES
 from gliderhpc.store_schema.schema import SCHEMA_NAME
 
-Place = str | Path
+Location = str | Path
 """A folder, or an address such as ``s3://bucket/mission.zarr``."""
 
 Value = TypeVar("Value")
@@ -55,7 +55,7 @@ _IN_MEMORY: dict[str, MemoryStore] = {}
 
 
 @contextmanager
-def place_in_memory() -> Iterator[Place]:
+def location_in_memory() -> Iterator[Location]:
     """Yield the address of an archive in this process's memory, which is removed when the block ends."""
     address = f"memory://{secrets.token_hex(8)}"
     _IN_MEMORY[address] = MemoryStore()
@@ -65,34 +65,34 @@ def place_in_memory() -> Iterator[Place]:
         del _IN_MEMORY[address]
 
 
-def is_address(place: Place) -> bool:
-    """Return whether a place is an address in an object store."""
-    return _SCHEME in str(place)
+def is_address(location: Location) -> bool:
+    """Return whether a location is an address in an object store."""
+    return _SCHEME in str(location)
 
 
-def absolute(place: Place) -> str:
-    """Return the absolute name of a place."""
-    return str(place) if is_address(place) else str(Path(place).resolve())
+def absolute(location: Location) -> str:
+    """Return the absolute name of a location."""
+    return str(location) if is_address(location) else str(Path(location).resolve())
 
 
-def with_suffix(place: Place, suffix: str) -> str:
-    """Return the name of a place with a suffix appended to its last part."""
-    return str(place).rstrip("/") + suffix
+def with_suffix(location: Location, suffix: str) -> str:
+    """Return the name of a location with a suffix appended to its last part."""
+    return str(location).rstrip("/") + suffix
 
 
-def store_at(place: Place, *, read_only: bool = False) -> Store:
-    """Open the store of a place, which need not exist yet.
+def store_at(location: Location, *, read_only: bool = False) -> Store:
+    """Open the store of a location, which need not exist yet.
 
     Raises
     ------
     InputError
         The address is of an unknown kind, or the extra that reads it is not installed.
     """
-    if place in _IN_MEMORY:
-        return _IN_MEMORY[str(place)].with_read_only(read_only)
-    if is_address(place):
-        return object_store_at(str(place), read_only=read_only)
-    return FolderStore(Path(place), read_only=read_only)
+    if location in _IN_MEMORY:
+        return _IN_MEMORY[str(location)].with_read_only(read_only)
+    if is_address(location):
+        return object_store_at(str(location), read_only=read_only)
+    return FolderStore(Path(location), read_only=read_only)
 
 
 class FolderStore(LocalStore):
@@ -169,7 +169,7 @@ class FolderStore(LocalStore):
         return status.st_size
 
 
-def group_at(place: Place, path: str = "", *, writable: bool = False) -> zarr.Group:
+def group_at(location: Location, path: str = "", *, writable: bool = False) -> zarr.Group:
     """Open an archive, or one of its groups by its path, without the consolidated metadata, which may be damaged.
 
     Raises
@@ -178,8 +178,8 @@ def group_at(place: Place, path: str = "", *, writable: bool = False) -> zarr.Gr
         Python runs without assertions, on which zarr depends for reading.
     """
     if sys.flags.optimize:
-        raise InputError(f"{place}: zarr cannot read archives under python -O; unset PYTHONOPTIMIZE")
-    store = store_at(place, read_only=not writable)
+        raise InputError(f"{location}: zarr cannot read archives under python -O; unset PYTHONOPTIMIZE")
+    store = store_at(location, read_only=not writable)
     own = None if path else own_metadata(root_content(store))
     if own is not None and own.get("node_type") == "group":
         return zarr.Group(zarr.AsyncGroup.from_dict(StorePath(store), own))
@@ -247,19 +247,19 @@ async def stored_bytes(store: Store, key: str) -> bytes | None:
     return None if value is None else value.to_bytes()
 
 
-def write_group(content: Mapping[str, Buffer], place: Place, group: str = "") -> None:
-    """Write the content of a store in memory to a place, or to one of its groups, with the root's metadata last."""
+def write_group(content: Mapping[str, Buffer], location: Location, group: str = "") -> None:
+    """Write the content of a store in memory to a location, or to one of its groups, with the root's metadata last."""
     prefix = f"{group}/" if group else ""
     last = [key for key in content if key == ROOT]
     keys = [key for key in content if key != ROOT]
-    if is_address(place):
-        target = store_at(place)
+    if is_address(location):
+        target = store_at(location)
         for at_once in (keys, last):
             wait_for(_set_many(target, {prefix + key: content[key] for key in at_once}))
         return
     # In this thread: another thread would go on writing after Ctrl-C.
     for key in (*keys, *last):
-        path = Path(place, group, key)
+        path = Path(location, group, key)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content[key].to_bytes())
 
@@ -274,11 +274,11 @@ async def _set_many(target: Store, content: Mapping[str, Buffer]) -> None:
     await asyncio.gather(*map(set_one, content))
 
 
-def read_group(place: Place, group: str) -> dict[str, Buffer]:
+def read_group(location: Location, group: str) -> dict[str, Buffer]:
     """Read the content of a group by key, in the form for `write_group`; empty if the group does not exist."""
-    if is_address(place):
-        return wait_for(_get_many(store_at(place, read_only=True), f"{group}/"))
-    folder, as_buffer = Path(place, group), default_buffer_prototype().buffer.from_bytes
+    if is_address(location):
+        return wait_for(_get_many(store_at(location, read_only=True), f"{group}/"))
+    folder, as_buffer = Path(location, group), default_buffer_prototype().buffer.from_bytes
     files = [path for path in folder.rglob("*") if path.is_file()]
     return {path.relative_to(folder).as_posix(): as_buffer(path.read_bytes()) for path in files}
 
@@ -294,57 +294,57 @@ async def _get_many(source: Store, prefix: str) -> dict[str, Buffer]:
     return {key: value for key, value in found if value is not None}
 
 
-def root_metadata(place: Place) -> dict[str, Any] | None:
-    """Read the metadata of the group at a place without its members, None where there is none or it is damaged."""
-    if not is_address(place) and not Path(place).is_dir():
+def root_metadata(location: Location) -> dict[str, Any] | None:
+    """Read the metadata of the group at a location without its members, None where there is none or it is damaged."""
+    if not is_address(location) and not Path(location).is_dir():
         return None
-    return own_metadata(root_content(store_at(place, read_only=True)))
+    return own_metadata(root_content(store_at(location, read_only=True)))
 
 
-def is_empty(place: Place) -> bool:
-    """Return whether a place is empty or does not exist."""
-    if is_address(place):
-        return wait_for(store_at(place, read_only=True).is_empty(""))
-    path = Path(place)
+def is_empty(location: Location) -> bool:
+    """Return whether a location is empty or does not exist."""
+    if is_address(location):
+        return wait_for(store_at(location, read_only=True).is_empty(""))
+    path = Path(location)
     return not path.exists() or (path.is_dir() and not any(path.iterdir()))
 
 
-def remove(place: Place) -> None:
-    """Remove everything at a place."""
-    if is_address(place):
-        wait_for(store_at(place).clear())
+def remove(location: Location) -> None:
+    """Remove everything at a location."""
+    if is_address(location):
+        wait_for(store_at(location).clear())
     else:
-        shutil.rmtree(Path(place))
+        shutil.rmtree(Path(location))
 
 
-def remove_group(place: Place, group: str) -> None:
-    """Remove a group at a place, if it exists."""
-    if is_address(place):
-        wait_for(store_at(place).delete_dir(group))
-    elif Path(place, group).exists():
-        shutil.rmtree(Path(place, group))
+def remove_group(location: Location, group: str) -> None:
+    """Remove a group at a location, if it exists."""
+    if is_address(location):
+        wait_for(store_at(location).delete_dir(group))
+    elif Path(location, group).exists():
+        shutil.rmtree(Path(location, group))
 
 
-def is_archive(place: Place) -> bool:
-    """Return whether a place holds an archive of this program, of any version."""
-    metadata = root_metadata(place)
+def is_archive(location: Location) -> bool:
+    """Return whether a location holds an archive of this program, of any version."""
+    metadata = root_metadata(location)
     attributes = metadata.get("attributes") if metadata is not None else None
     return isinstance(attributes, dict) and attributes.get("schema") == SCHEMA_NAME
 
 
-def describe_other(place: Place) -> str:
-    """Describe a place that holds something other than an archive, with the remedy."""
-    if not is_address(place) and Path(place).is_file():
+def describe_other(location: Location) -> str:
+    """Describe a location that holds something other than an archive, with the remedy."""
+    if not is_address(location) and Path(location).is_file():
         wanted = "give the folder that `gliderhpc run-mission` makes from records"
-        return f"{place}: a file, not an archive of gliderhpc; {wanted}"
-    return f"{place}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission` wrote"
+        return f"{location}: a file, not an archive of gliderhpc; {wanted}"
+    return f"{location}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission` wrote"
 
 
-def remove_partial_files(place: Place) -> None:
+def remove_partial_files(location: Location) -> None:
     """Remove the incomplete files that zarr left when its writer was killed."""
-    if is_address(place):
+    if is_address(location):
         return
-    for file in Path(place).rglob("*.partial"):
+    for file in Path(location).rglob("*.partial"):
         if _PARTIAL.fullmatch(file.name) and file.is_file() and (file.parent / "zarr.json").exists():
             file.unlink(missing_ok=True)
 
