@@ -18,7 +18,7 @@ from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR, default_prior
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
-from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries
+from gliderhpc.observations import Fix, Observations, ProfileRecord, ProfileSeries
 from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of, sense_finding
@@ -29,6 +29,7 @@ from gliderhpc.tuning.record_checks.finding import (
     undetermined,
     undetermined_if_insensitive,
 )
+from gliderhpc.tuning.record_checks.fixes import fix_finding, surfacings_of
 from gliderhpc.tuning.record_checks.pitch import pitch_findings
 from gliderhpc.tuning.record_checks.turns import TurnStretches, turn_information, turn_stretches
 from gliderhpc.tuning.steady_segments import SegmentSettings, SteadySegments, join_segments, segments_of
@@ -211,6 +212,7 @@ class _CheckInputs:
     segments: list[SteadySegments]
     series: dict[int, ProfileSeries]
     numbers: list[int]
+    surfacings: list[tuple[Fix, ...]]
 
     def add(
         self,
@@ -224,6 +226,7 @@ class _CheckInputs:
         """Add a profile to the input of the checks, with its series, which is large, only if the lag needs it."""
         series = on_steps(record, settings, platform)
         self.numbers.append(record.number)
+        self.surfacings += surfacings_of(record)
         if with_series:
             self.series[record.number] = series
         leg = leg_of(platform, record, series, current.errors(platform))
@@ -242,7 +245,7 @@ def inspect_records(
     checks: CheckSettings,
     current: CurrentSettings,
 ) -> Inspection:
-    """Check records for a lag, an offset and scale of the pitch and errors of the compass; nothing is corrected.
+    """Check records for a lag, errors of pitch and compass, and the error of the fixes; nothing is corrected.
 
     Parameters
     ----------
@@ -271,7 +274,7 @@ def inspect_profiles(
     for_lag: Sequence[int],
 ) -> Inspection:
     """Check records one at a time, as `inspect_records` does; the lag is estimated on the profiles `for_lag`."""
-    inputs, left_out = _CheckInputs([], [], [], {}, []), {}
+    inputs, left_out = _CheckInputs([], [], [], {}, [], []), {}
     for record in records:
         try:
             inputs.add(platform, record, settings, current, with_series=record.number in for_lag)
@@ -284,5 +287,6 @@ def inspect_profiles(
         *pitch_findings(platform, segments, checks, settings.records),
         *compass_findings(inputs.legs, turns, checks, settings.records),
         sense_finding(inputs.legs, checks),
+        fix_finding(inputs.surfacings, current),
     ]
     return Inspection(tuple(findings), tuple(inputs.numbers), left_out)
