@@ -211,11 +211,22 @@ def dive_notes(time: FloatArray, depth: FloatArray, attitude: FloatArray) -> Ite
         if _is_one_value(time[known], depth[known], still):
             cause += "; or the pressure sensor is stuck, as the depth is the same to the last digit"
         yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} ({cause})"
-    begin, end = (
-        float(np.interp(time[at], time[known], depth[known]))
-        for at in (max(known[0], oriented[0]), min(known[-1], oriented[-1]))
-    )
+    yield from _deep_ends(time, depth, known, oriented)
+
+
+def _deep_ends(
+    time: FloatArray, depth: FloatArray, known: npt.NDArray[np.int64], oriented: npt.NDArray[np.int64]
+) -> Iterator[str]:
+    """Describe the ends under water of the record of depth (rows `known`) and of attitude (rows `oriented`)."""
+    ends = (("begins", max(known[0], oriented[0]), known[0]), ("ends", min(known[-1], oriented[-1]), known[-1]))
+    depths = [float(np.interp(time[row], time[known], depth[known])) for _, row, _ in ends]
     least = _reported_depth(depth)
-    ends = [f"{verb} at {at:.0f} m" for verb, at in (("begins", begin), ("ends", end)) if at > least]
-    if ends:
-        yield f"the record {' and '.join(ends)} depth, so the unrecorded distance adds to the current's error"
+    deep = [
+        (f"{verb} at {at:.0f} m", row != row_of_depth)
+        for (verb, row, row_of_depth), at in zip(ends, depths, strict=True)
+        if at > least
+    ]
+    if deep:
+        subject = "record of the attitude" if all(by_attitude for _, by_attitude in deep) else "record"
+        where = " and ".join(text for text, _ in deep)
+        yield f"the {subject} {where} depth, so the unrecorded distance adds to the current's error"

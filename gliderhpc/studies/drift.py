@@ -175,9 +175,10 @@ def _table(mission: DriftInputs, rows: Mapping[int, Row]) -> pd.DataFrame:
     names = [median_column(DRAG, phase, ADJOINT) for phase in PHASES]
     known = [np.isfinite(values_of(of_epochs(table), name)).sum() for name in names]
     if min(known) < MIN_VALUES:
+        remedy = "give `drift.depth_band=[LOW,HIGH]`" if min(known) else "the study needs records of both legs"
         raise InputError(
             f"{NAME}: only {known[0]} dives and {known[1]} climbs have a median between {mission.band.low:.0f} and "
-            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; give `drift.depth_band=[LOW,HIGH]`"
+            f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; {remedy}"
         )
     return table
 

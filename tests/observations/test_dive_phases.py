@@ -188,7 +188,7 @@ def test_a_record_ends_where_its_attitude_ends():
     time, depth = dive()
     pitch = np.where(time > 100.0 / SPEED + 300.0, np.nan, PITCH)
     (note,) = notes(time, depth, pitch)
-    assert note.startswith("the record ends at 55 m depth")
+    assert note.startswith("the record of the attitude ends at 55 m depth")
 
 
 def test_pauses_in_parts_are_one_note():
