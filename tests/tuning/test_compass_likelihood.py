@@ -156,7 +156,10 @@ def test_six_legs_are_needed():
     five, six = (compass_findings(legs(1, np.arange(0.0, 360.0, 360.0 / n)), NO_TURNS, CHECKS) for n in (5, 6))
     for finding in five:
         assert finding.verdict is CheckVerdict.UNDETERMINED
-        assert finding.remark == "5 profiles with a fix on either side, but at least 6 are needed"
+        assert finding.remark == (
+            "5 profiles with a fix on either side in which this hull can glide as the records show, but at least 6 are "
+            "needed"
+        )
     assert not any("fix on either side" in finding.remark for finding in six)
     assert [finding.quantity for finding in five] == [CONSTANT, DEVIATION]
 

@@ -167,7 +167,10 @@ def compass_findings(
     found there is not determined.
     """
     if len(legs) < MIN_LEGS:
-        reason = f"{counted(len(legs), 'profile')} with a fix on either side, but at least {MIN_LEGS} are needed"
+        reason = (
+            f"{counted(len(legs), 'profile')} with a fix on either side in which this hull can glide as the records "
+            f"show, but at least {MIN_LEGS} are needed"
+        )
         return [undetermined(CHECK, name, UNIT, reason) for name in (CONSTANT, DEVIATION)]
     system = _System(legs, turns, checks)
     fits = [

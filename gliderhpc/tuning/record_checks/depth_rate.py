@@ -160,7 +160,10 @@ def fit_depth_rates(
         if np.abs(change).max() < _CONVERGED:
             covariance = left_out_covariance(design, weights, residual, block[known], prior)
             return DepthRateFit(tuple(unknowns), steps, covariance, len(np.unique(block[known])))
-    raise UndeterminedError("the hull's balance does not fit these glides; calibrate the hull")
+    raise UndeterminedError(
+        "the hull's balance does not fit these glides: calibrate the hull or, if it was calibrated on them, check the "
+        "records of ballast, battery and pitch"
+    )
 
 
 @dataclass(frozen=True, eq=False)
