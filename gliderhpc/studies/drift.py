@@ -22,6 +22,7 @@ from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_
 from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
 from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
 from gliderhpc.studies.library.drift.change_rows import stored_changes, stored_moment_changes
+from gliderhpc.studies.library.drift.change_text import drag_name, moment_name, next_text
 from gliderhpc.studies.library.drift.coefficients import (
     CoefficientSlopes,
     SegmentMedians,
@@ -175,7 +176,8 @@ def _table(mission: DriftInputs, rows: Mapping[int, Row]) -> pd.DataFrame:
     names = [median_column(DRAG, phase, ADJOINT) for phase in PHASES]
     known = [np.isfinite(values_of(of_epochs(table), name)).sum() for name in names]
     if min(known) < MIN_VALUES:
-        remedy = "give `drift.depth_band=[LOW,HIGH]`" if min(known) else "the study needs records of both legs"
+        one_leg = any(known) and not all(known)
+        remedy = "the study needs records of both legs" if one_leg else "give `drift.depth_band=[LOW,HIGH]`"
         raise InputError(
             f"{NAME}: only {known[0]} dives and {known[1]} climbs have a median between {mission.band.low:.0f} and "
             f"{mission.band.high:.0f} m, and {MIN_VALUES} of each are needed; {remedy}"
@@ -201,7 +203,9 @@ def mission_drift(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
             "depth_band": (band.low, band.high),
             "segments": studied.segments,
             "p_of_next_change": changes.p,
+            "next_change": next_text(changes, drag_name),
             "p_of_next_moment_change": moments.p,
+            "next_moment_change": next_text(moments, moment_name),
         },
         remarks=(band.remark,) if band.remark else (),
         columns=tuple(map(str, studied.table)),

@@ -1,6 +1,6 @@
 """Change points: steps, ramps and episodes of drag and axial force, and of the moments, on dives and climbs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,9 @@ SEARCHES = 2
 
 PHASE_SHARE = 1.0 / 3.0
 """Ratio to the larger change above which a phase, or a moment, is regarded as changed."""
+
+MAX_NAMED_P = 0.1
+"""Largest probability of chance of a change that is mentioned although it is not significant."""
 
 MISSING = Size(float("nan"), float("nan"), float("nan"))
 
@@ -156,10 +159,16 @@ class Changes:
     p : float
         Probability of chance of the strongest change that is not significant; NaN if too few profiles could be
         searched, or if the search ended at the largest number of changes.
+    next : Change or None
+        That change, after a search, if it is large enough to be named.
+    next_text : str
+        Brief description of that change, as stored, if its probability of chance is at most `MAX_NAMED_P`.
     """
 
     found: tuple[Change, ...] = ()
     p: float = float("nan")
+    next: Change | None = None
+    next_text: str = ""
 
     @property
     def episodes(self) -> tuple[Change, ...]:
@@ -203,9 +212,13 @@ def find_changes(table: pd.DataFrame, reference: float, settings: ChangeSettings
     changes below the smallest size are included in the fits of the others, but not reported.
     """
     series = series_of(table, lambda estimate: _of_drag(table, estimate))
-    shapes, p = search_series(series, (DRAG,), settings, settings.level / SEARCHES, seed)
-    changes = [_change(table, series, shapes, index, (DRAG, AXIAL)) for index in range(len(shapes))]
-    return _named([change for change in changes if _relative(change, reference) >= settings.smallest], p)
+    shapes, following = search_series(series, (DRAG,), settings, settings.level / SEARCHES, seed)
+    return _named(
+        shapes,
+        following,
+        lambda shapes, index: _change(table, series, shapes, index, (DRAG, AXIAL)),
+        lambda change: _relative(change, reference) >= settings.smallest,
+    )
 
 
 def find_moment_changes(table: pd.DataFrame, hull: Platform, settings: ChangeSettings, seed: int) -> Changes:
@@ -229,11 +242,13 @@ def find_moment_changes(table: pd.DataFrame, hull: Platform, settings: ChangeSet
     also changes the equivalent drag.
     """
     series = series_of(table, lambda estimate: _of_moments(table, estimate))
-    shapes, p = search_series(series, MOMENTS, settings, settings.level / SEARCHES, seed)
-    changes = [_moment_change(table, series, shapes, index) for index in range(len(shapes))]
+    shapes, following = search_series(series, MOMENTS, settings, settings.level / SEARCHES, seed)
     smallest = settings.smallest_tilt * moment_per_degree(hull)
     return _named(
-        [change for change in changes if change.moments and _largest(change, change.moments[:1]) >= smallest], p
+        shapes,
+        following,
+        lambda shapes, index: _moment_change(table, series, shapes, index),
+        lambda change: bool(change.moments) and _largest(change, change.moments[:1]) >= smallest,
     )
 
 
@@ -242,8 +257,19 @@ def moment_per_degree(hull: Platform) -> float:
     return float(np.radians(1.0)) * GRAVITY * abs(righting_moment(hull))
 
 
-def _named(changes: Sequence[Change], p: float) -> Changes:
-    return Changes(tuple(sorted(changes, key=lambda change: change.days)), p)
+def _named(
+    shapes: Sequence[FoundShape],
+    following: FoundShape | None,
+    change_of: Callable[[Sequence[FoundShape], int], Change],
+    is_large: Callable[[Change], bool],
+) -> Changes:
+    """Return the changes of significant shapes and of the following one, as far as they are large."""
+    changes = [change for index in range(len(shapes)) if is_large(change := change_of(shapes, index))]
+    found = tuple(sorted(changes, key=lambda change: change.days))
+    if following is None:
+        return Changes(found)
+    candidate = change_of([*shapes, following], len(shapes))
+    return Changes(found, following.p, candidate if is_large(candidate) else None)
 
 
 def _of_drag(table: pd.DataFrame, estimate: str) -> Iterator[tuple[SizeKey, Array]]:

@@ -41,7 +41,11 @@ def read_changes(archive: Archive) -> Changes:
     p = stored_attribute(archive, _GROUP, "p_of_next_change")
     group = archive[_GROUP].to_dataset()
     changes = [_change(group.isel(change=index)) for index in range(group.sizes["change"])]
-    return Changes(tuple(change for change in changes if change is not None), _MISSING if p is None else float(p))
+    return Changes(
+        tuple(change for change in changes if change is not None),
+        _MISSING if p is None else float(p),
+        next_text=str(archive[_GROUP].attrs.get("next_change", "")),
+    )
 
 
 def _row(change: Change) -> dict[str, Any]:
@@ -147,7 +151,7 @@ def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
 
 def changes_as_json(changes: Changes, reference: float) -> dict[str, Any]:
     """Return the change points as plain values."""
-    return {"p_of_next": changes.p, "found": change_rows(changes, reference)}
+    return {"p_of_next": changes.p, "next": changes.next_text, "found": change_rows(changes, reference)}
 
 
 def _of_part(change: Change, part: str, reference: float) -> dict[str, float]:
@@ -180,7 +184,11 @@ def read_moment_changes(archive: Archive) -> Changes:
         return Changes()
     entries = [group.isel({MOMENT_CHANGE: index}) for index in range(group.sizes[MOMENT_CHANGE])]
     changes = [read_change(entry, columns, _MOMENT_PREFIX) for entry in entries]
-    return Changes(tuple(change for change in changes if change is not None), float("nan") if p is None else float(p))
+    return Changes(
+        tuple(change for change in changes if change is not None),
+        _MISSING if p is None else float(p),
+        next_text=str(archive[_GROUP].attrs.get("next_moment_change", "")),
+    )
 
 
 def _moment_row(change: Change) -> dict[str, Any]:
@@ -211,4 +219,4 @@ def moment_rows(changes: Changes) -> list[dict[str, Any]]:
 
 def moments_as_json(changes: Changes) -> dict[str, Any]:
     """Return the changes of the moments as plain values."""
-    return {"p_of_next": changes.p, "found": moment_rows(changes)}
+    return {"p_of_next": changes.p, "next": changes.next_text, "found": moment_rows(changes)}

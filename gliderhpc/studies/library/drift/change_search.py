@@ -87,8 +87,8 @@ class FoundShape:
 
 def search_series(
     series: Sequence[MissionSeries], compared: Sequence[str], settings: ChangeSettings, level: float, seed: int
-) -> tuple[list[FoundShape], float]:
-    """Find the significant changes of series, and the probability of chance of the next one.
+) -> tuple[list[FoundShape], FoundShape | None]:
+    """Find the significant changes of series, and the strongest one that is not significant.
 
     Parameters
     ----------
@@ -109,19 +109,19 @@ def search_series(
     These are built from moving blocks of the independent residuals from line and window, drawn at the same places in
     all series, and coloured with the noise model of the line alone. A significant change is fitted and added to the
     line. The search ends when the next change is not significant. Overlapping episodes are combined into one, whose
-    course is the sum of both. The probability is NaN if nothing could be searched, or if the search ended at the
+    course is the sum of both. There is no next change if nothing could be searched, or if the search ended at the
     largest number of changes.
     """
     shapes: list[FoundShape] = []
-    p, rng = float("nan"), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     for _ in range(settings.most if series else 0):
         searches = _searches(series, [shape.shape for shape in shapes])
         p, lead, best = _strongest(series, searches, settings, rng)
-        if not p < level:
-            return shapes, p
         new = FoundShape(_shape(series[lead], searches[lead], best), p, lead)
+        if not p < level:
+            return shapes, new
         shapes = _with_shape(series, shapes, new, compared)
-    return shapes, float("nan")
+    return shapes, None
 
 
 def series_of(

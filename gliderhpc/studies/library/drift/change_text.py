@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from gliderhpc.findings.findings import number
-from gliderhpc.studies.library.drift.change_points import AXIAL, Change, Changes
+from gliderhpc.studies.library.drift.change_points import AXIAL, MAX_NAMED_P, Change, Changes
 from gliderhpc.studies.library.drift.change_search import Size
 from gliderhpc.studies.library.drift.medians import DRAG
 from gliderhpc.studies.library.drift.shape_fits import EPISODE, FORMS, RAMP
@@ -51,7 +51,8 @@ def no_change_text(changes: Changes, searched: str) -> str:
             f"no step, ramp or episode of {searched} is named: too few profiles, a quick study, or none that is large "
             "enough"
         )
-    return f"no step, ramp or episode of {searched} is shown (p {number(changes.p)})"
+    strongest = f"; the most probable is {changes.next_text}" if changes.next_text else ""
+    return f"no step, ramp or episode of {searched} is shown (p {number(changes.p)}){strongest}"
 
 
 def describe_change(change: Change, reference: float) -> str:
@@ -81,10 +82,16 @@ def with_article(change: Change) -> str:
 
 def kinds_text(changes: Changes, name_of: Callable[[Change], str]) -> str:
     """Name the change points briefly, for the beginning of the verdict; empty if there are none."""
-    return "; ".join(
-        f"{with_article(change)} of the {name_of(change)} ({_profiles_text(change)}, {phases_text(change)})"
-        for change in changes.found
-    )
+    return "; ".join(_brief_text(change, name_of) for change in changes.found)
+
+
+def next_text(changes: Changes, name_of: Callable[[Change], str]) -> str:
+    """Describe the strongest change that is not significant; empty if there is none, or if it is probably chance."""
+    return _brief_text(changes.next, name_of) if changes.next is not None and changes.p <= MAX_NAMED_P else ""
+
+
+def _brief_text(change: Change, name_of: Callable[[Change], str]) -> str:
+    return f"{with_article(change)} of the {name_of(change)} ({_profiles_text(change)}, {phases_text(change)})"
 
 
 def drag_name(change: Change) -> str:
