@@ -794,7 +794,7 @@ def test_profiles_that_cannot_be_chosen(text):
 
 
 def test_a_range_of_profiles_that_runs_backwards_is_named():
-    with pytest.raises(InputError, match="--profiles 1,3:2: the range 3:2 runs backwards; write it as 2:3"):
+    with pytest.raises(InputError, match="`profiles=1,3:2`: the range 3:2 runs backwards: write 2:3"):
         select_profiles([1, 2, 3], "1,3:2")
 
 
