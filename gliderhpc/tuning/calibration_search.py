@@ -37,8 +37,11 @@ START_COUNT = 3
 START_SPREAD = 2.0
 
 REFUTED_DISTANCE = 3.0
-"""Distance from the most probable value, in standard errors, beyond which the platform's value is refuted; the cost
-rises by half of its square."""
+"""Distance from the most probable value, in standard errors, beyond which the platform's value is refuted."""
+
+REFUTING_RISE = 1.0
+"""Rise of the cost relative to it beyond which the platform's value is refuted as well. The errors of segments are too
+dependent for a ratio of likelihoods: rises by a tenth were chance on simulated missions."""
 
 COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
@@ -237,7 +240,7 @@ class CalibrationSearch:
     def _is_refuted(self, index: int) -> bool:
         """Fit with the prior, and return whether the glides refute the platform's value of a free parameter.
 
-        They do if the most probable value is far from it in standard errors, or if the cost is much larger with the
+        They do if the most probable value is far from it in standard errors, or if the cost more than doubles with the
         platform's value, although the errors' slopes at the most probable value do not show this.
         """
         self._fit(prior=1.0)
@@ -248,7 +251,7 @@ class CalibrationSearch:
         self._fit(prior=1.0)
         increase = self._penalised_cost() - cost
         self.free, self.steps = free, steps
-        return increase > 0.5 * REFUTED_DISTANCE**2
+        return increase > max(REFUTING_RISE * cost, 0.5 * REFUTED_DISTANCE**2)
 
     def _penalised_cost(self) -> float:
         """Cost that a fit with the prior minimises."""
