@@ -25,7 +25,6 @@ _TWO_SIDED: Mapping[str, tuple[float, float, str]] = {
     "viscous.K_D0": (7.0, _AREA, "kg/m"),
     "viscous.K_L": (370.0, _AREA, "kg/m/rad"),
     "viscous.K_beta": (100.0, _AREA, "kg/m/rad"),
-    "sensors.depth_noise": (0.04, 0.0, "m"),
 }
 """Typical magnitude, power of a length and unit of the numbers that are neither much larger nor much smaller."""
 
@@ -50,8 +49,10 @@ _ONE_SIDED: Mapping[str, tuple[float, float, str]] = {
     "viscous.K_p": (20.0, _DAMPING, "kg s/rad"),
     "viscous.K_q": (200.0, _DAMPING, "kg s/rad"),
     "viscous.K_r": (300.0, _DAMPING, "kg s/rad"),
+    "sensors.depth_noise": (0.04, 0.0, "m"),
 }
-"""The same of those that may be zero; a calibration may leave a coefficient without effect."""
+"""The same of those that may be small or zero: a calibration may leave a coefficient without effect, and a pressure
+sensor may resolve a millimetre."""
 
 
 def check_plausible(label: str, platform: Section) -> None:
