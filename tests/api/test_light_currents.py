@@ -156,7 +156,7 @@ def test_a_dive_whose_attitude_ends_before_its_depth():
     row = currents(records).sel(profile=2)
     error = np.array([float(row["dac_north"]), float(row["dac_east"])]) - glide.current
     assert (np.abs(error) < 2.0 * np.array([float(row["dac_north_std"]), float(row["dac_east_std"])])).all()
-    assert "the record ends at" in str(row["message"].values)
+    assert "the record of the attitude ends at" in str(row["message"].values)
 
 
 def test_a_current_as_strong_as_wrong_fixes_make_it_is_in_doubt():
