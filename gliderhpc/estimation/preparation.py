@@ -103,7 +103,7 @@ def vibration_set(platform: Platform, series: ProfileSeries) -> NDArray[np.bool_
     limits = platform.vibration
     thresholds = np.array([limits.battery_position_rate, limits.battery_rotation_rate_rad, limits.ballast_rate_m3])
     moving = np.zeros(len(series.time), dtype=np.uint8)
-    for actuator, threshold in zip(series.controls.T, thresholds, strict=False):
+    for actuator, threshold in zip(series.controls[:, :3].T, thresholds, strict=True):
         moving[1:-1][np.abs(np.diff(actuator)) / series.step > threshold] = 1
     reach = 2 * round(limits.guard / series.step) + 1
     return np.asarray(scipy.ndimage.maximum_filter1d(moving, size=reach, mode="constant"), dtype=bool)

@@ -10,6 +10,7 @@ from gliderhpc.distributions import MAD_TO_STD
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.observations import Fix, ProfileRecord
+from gliderhpc.observations.times import SECOND
 from gliderhpc.tuning.record_checks.finding import Finding, judge_size, undetermined
 from gliderhpc.wording import counted
 
@@ -32,8 +33,6 @@ MIN_COUNT = 4
 
 _MIN_RATIO = 3.0
 """Ratio to the assumed error above which the error of the fixes is reported."""
-
-_SECOND = np.timedelta64(1, "s")
 
 
 def fix_finding(surfacings: Iterable[Sequence[Fix]], current: CurrentSettings) -> Finding:
@@ -100,4 +99,4 @@ def _drifts(fixes: Sequence[Fix]) -> Iterator[tuple[Array, float]]:
 
 
 def _seconds(first: Fix, second: Fix) -> float:
-    return float((second.time - first.time) / _SECOND)
+    return float((second.time - first.time) / SECOND)

@@ -1,6 +1,6 @@
 """Change points of drag, axial force and moments as rows of the archive's group and of tables."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -41,11 +41,13 @@ def read_changes(archive: Archive) -> Changes:
     p = stored_attribute(archive, _GROUP, "p_of_next_change")
     group = archive[_GROUP].to_dataset()
     changes = [_change(group.isel(change=index)) for index in range(group.sizes["change"])]
-    return Changes(
-        tuple(change for change in changes if change is not None),
-        _MISSING if p is None else float(p),
-        next_text=str(archive[_GROUP].attrs.get("next_change", "")),
-    )
+    return _as_read(changes, p, archive[_GROUP].attrs.get("next_change", ""))
+
+
+def _as_read(changes: Iterable[Change | None], p: Any, next_text: str) -> Changes:
+    """Return stored changes without missing ones; without a stored probability of the next one it is NaN."""
+    found = tuple(change for change in changes if change is not None)
+    return Changes(found, _MISSING if p is None else float(p), next_text=next_text)
 
 
 def _row(change: Change) -> dict[str, Any]:
@@ -184,11 +186,7 @@ def read_moment_changes(archive: Archive) -> Changes:
         return Changes()
     entries = [group.isel({MOMENT_CHANGE: index}) for index in range(group.sizes[MOMENT_CHANGE])]
     changes = [read_change(entry, columns, _MOMENT_PREFIX) for entry in entries]
-    return Changes(
-        tuple(change for change in changes if change is not None),
-        _MISSING if p is None else float(p),
-        next_text=str(archive[_GROUP].attrs.get("next_moment_change", "")),
-    )
+    return _as_read(changes, p, archive[_GROUP].attrs.get("next_moment_change", ""))
 
 
 def _moment_row(change: Change) -> dict[str, Any]:
