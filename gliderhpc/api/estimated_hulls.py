@@ -112,17 +112,22 @@ class CalibratedHull(EstimatedHull, ABC):
 
     @property
     def notes(self) -> list[str]:
-        """Remarks that supplement the tables."""
-        return [*self._remarks(), *(f"WARNING: {text}" for text in self.warnings)]
+        """Remarks that supplement the tables, followed by the warnings."""
+        return [*self.remarks, *self.warnings]
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the hull or its intervals: `failure` and `caution`, if any."""
-        return tuple(filter(None, (self.failure, self.caution)))
+    @abstractmethod
+    def remarks(self) -> list[str]:
+        """Remarks that supplement the tables."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about the estimates, the hull and its intervals; `failure` and `caution` are among them."""
+        return [*self._estimate_warnings(), *filter(None, (self.failure, self.caution))]
 
     @abstractmethod
-    def _remarks(self) -> list[str]:
-        """Remarks on the estimates."""
+    def _estimate_warnings(self) -> list[str]:
+        """Warnings about the estimates."""
 
     @abstractmethod
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
@@ -173,13 +178,18 @@ class HullFromGlides(CalibratedHull):
         """Errors of the steady balance on the held-out profiles."""
         return self.calibration.held_out
 
-    def _remarks(self) -> list[str]:
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks that supplement the tables."""
         return calibration_report.notes(self.calibration)
+
+    def _estimate_warnings(self) -> list[str]:
+        return calibration_report.warnings(self.calibration)
 
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration, with its warnings."""
         made = calibration_report.provenance(self.calibration, observations, digest, assignments)
-        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in self.warnings)])
+        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in (self.failure, self.caution) if text)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -214,9 +224,14 @@ class HullFromDives(CalibratedHull):
         """Errors of the steady balance on the held-out profiles."""
         return self.dives.held_out
 
-    def _remarks(self) -> list[str]:
-        lines = rounds_report.notes(self.dives.rounds, self.dives.tolerance)
-        return lines + calibration_report.score_notes(self.fitted, self.held_out)
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks that supplement the tables."""
+        return rounds_report.notes(self.dives.rounds) + calibration_report.score_notes(self.fitted, self.held_out)
+
+    def _estimate_warnings(self) -> list[str]:
+        convergence = rounds_report.warnings(self.dives.rounds, self.dives.tolerance)
+        return convergence + calibration_report.score_warnings(self.fitted)
 
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration; its notes include the warnings."""
@@ -259,9 +274,14 @@ class TunedHull(EstimatedHull):
 
     @property
     def notes(self) -> list[str]:
-        """Remarks on the gain in likelihood, and on whether the maximum was reached."""
+        """Remarks on the gain in likelihood, and on whether the maximum was reached, followed by the warnings."""
         interpolated = [tuning_report.INTERPOLATED] if self.tuned.interpolated else []
-        return [tuning_report.closing_text(self.tuned, self.settings), *interpolated]
+        return [tuning_report.closing_text(self.tuned, self.settings), *interpolated, *self.warnings]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings about the prior."""
+        return tuning_report.warnings(self.tuned, self.settings)
 
 
 def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:

@@ -17,7 +17,7 @@ from gliderhpc.api.hulls import CalibrationInputs, calibrate_and_tune, calibrate
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
 from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import Verb, echo
+from gliderhpc.cli.messages import Verb, echo, warn
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
@@ -144,8 +144,10 @@ def _print_calibration(calibrated: CalibratedHull) -> None:
         results().print(grid)
     rows = score_rows(calibrated.fitted, calibrated.held_out)
     results().print(table("root mean square errors of the balance", rows, SCORES, ("profiles",)))
-    for line in calibrated.notes:
+    for line in calibrated.remarks:
         echo(line)
+    for warning in calibrated.warnings:
+        warn(warning)
 
 
 def _tables(calibrated: CalibratedHull) -> list[Table]:
@@ -238,6 +240,8 @@ def tune(
         tuned = tune_open(opened, platform, settings, profiles, assignments, log.info)
     write_platform(out, tuned.platform, overwrite)
     _print_prior(tuned.tuned, list(tuned.profiles), settings)
+    for warning in tuned.warnings:
+        warn(warning)
     echo(f"written to {out}")
     return DONE
 

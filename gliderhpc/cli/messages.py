@@ -110,6 +110,11 @@ def echo(text: object = "", *, err: bool = False, nl: bool = True) -> None:
     click.echo(printable(with_options(str(text))), err=err, nl=nl)
 
 
+def warn(text: str, *, err: bool = False) -> None:
+    """Print a warning to stdout, where it belongs to a result, or to stderr."""
+    echo(f"warning: {text}", err=err)
+
+
 _SHOWN_LEFT_OUT = 10
 """Maximum number of profiles that are listed with the reason for leaving them out."""
 

@@ -15,7 +15,7 @@ from gliderhpc.api.missions import invert_prepared
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results
-from gliderhpc.cli.messages import Verb, echo, with_options
+from gliderhpc.cli.messages import Verb, echo, warn, with_options
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.existing import Existing
@@ -114,7 +114,7 @@ def run_mission(
 
 def _warn(warning: str) -> None:
     log.warning("%s", warning)
-    echo(f"warning: {warning}", err=True)
+    warn(warning, err=True)
 
 
 def _print_faults(observations: Observations, chosen: Sequence[int]) -> None:

@@ -89,7 +89,7 @@ def score_rows(fitted: Score, held_out: Score) -> list[tuple[str, ...]]:
 
 
 def notes(calibration: Calibration) -> list[str]:
-    """Return remarks that supplement the tables."""
+    """Return remarks that supplement the tables, without the warnings."""
     lines = [profiles_text(calibration)]
     if any(p.parameter is TREND for p in calibration.parameters):
         lines.append(f"the neutral volume is that at {np.datetime_as_string(calibration.reference_time, unit='m')} UTC")
@@ -98,8 +98,13 @@ def notes(calibration: Calibration) -> list[str]:
     for verdict, words in _HELD.items():
         if held := [p.parameter.key for p in calibration.parameters if p.verdict is verdict]:
             lines.append(f"{words}: {', '.join(held)}")
-    lines += [
-        f"WARNING: at the profiles {selection}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
+    return [*lines, *score_notes(calibration.fitted, calibration.held_out)]
+
+
+def warnings(calibration: Calibration) -> list[str]:
+    """Return warnings about errors of the balance that have grown, or that remain."""
+    grown = [
+        f"at the profiles {selection}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
         f"{before} with the given platform; a few segments where the hull hardly balances cause this: {_HOLD_LATERAL}"
         for selection, score in (("fitted", calibration.fitted), ("held out", calibration.held_out))
         for name, heading, before, after, times in zip(
@@ -112,13 +117,13 @@ def notes(calibration: Calibration) -> list[str]:
         )
         if times > _REPORTED_GROWTH and name in _OF_TURNS
     ]
-    return [*lines, *score_notes(calibration.fitted, calibration.held_out)]
+    return [*grown, *score_warnings(calibration.fitted)]
 
 
-def score_notes(fitted: Score, held_out: Score) -> list[str]:
-    """Return remarks on the errors of the balance, for a fit of the steady glides or of whole dives."""
-    lines = [
-        f"WARNING: the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
+def score_warnings(fitted: Score) -> list[str]:
+    """Return a warning for each error of the balance that is still too large, on steady glides or on whole dives."""
+    return [
+        f"the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
         "a parameter that is not fitted is wrong, or a fitted one is implausibly wrong; check the zeros of "
         "the actuators, signs and units"
         for name, heading, value, after in zip(
@@ -126,6 +131,11 @@ def score_notes(fitted: Score, held_out: Score) -> list[str]:
         )
         if after > 1.0
     ]
+
+
+def score_notes(fitted: Score, held_out: Score) -> list[str]:
+    """Return remarks on the errors of the balance, for a fit of the steady glides or of whole dives."""
+    lines = []
     missed = np.degrees(fitted.before[QUANTITIES.index("pitch")])
     if missed > WRONG_VEHICLE_ERROR:
         lines.append(
@@ -143,7 +153,7 @@ def provenance(calibration: Calibration, observations: str, digest: str, assignm
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
         f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
-        *(line[0].upper() + line[1:] for line in notes(calibration)),
+        *(line[0].upper() + line[1:] for line in (*notes(calibration), *warnings(calibration))),
         "; ".join(_sentence(p) for p in calibration.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
         *(
             score_sentence(name, score)

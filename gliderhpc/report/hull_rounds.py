@@ -96,8 +96,8 @@ def history_table(rounds: HullRounds) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def notes(rounds: HullRounds, tolerance: float) -> list[str]:
-    """Return remarks that supplement the tables."""
+def notes(rounds: HullRounds) -> list[str]:
+    """Return remarks that supplement the tables, without the warnings."""
     mission = rounds.mission
     left, _ = mission.directions()
     lines = [
@@ -110,14 +110,6 @@ def notes(rounds: HullRounds, tolerance: float) -> list[str]:
         f"the variance between dives is {mission.inflation:.1f} times the expected one; log evidence "
         f"{mission.log_evidence:.1f}",
     ]
-    ahead = float(np.abs(rounds.full_step).max())
-    if rounds.moves[-1] >= tolerance:
-        lines.append("WARNING: the hull still moved in the last round; allow more rounds with `rounds.most`")
-    elif ahead >= tolerance:
-        lines.append(
-            f"WARNING: the rounds ended {ahead:.1f} plausible deviations from the hull that fits the dives best, which "
-            "has no stable glide; start from another platform"
-        )
     if rounds.base.buoyancy.compressibility is not None:
         lines.append(
             "buoyancy is computed from measured density, so the neutral volume refers to water of the platform's "
@@ -129,6 +121,19 @@ def notes(rounds: HullRounds, tolerance: float) -> list[str]:
     if rounds.skipped:
         lines.append("left out: " + "; ".join(f"profile {dive.number}, {dive.message}" for dive in rounds.skipped))
     return lines
+
+
+def warnings(rounds: HullRounds, tolerance: float) -> list[str]:
+    """Return a warning if the rounds ended before the hull that fits the dives best was reached."""
+    ahead = float(np.abs(rounds.full_step).max())
+    if rounds.moves[-1] >= tolerance:
+        return ["the hull still moved in the last round; allow more rounds with `rounds.most`"]
+    if ahead >= tolerance:
+        return [
+            f"the rounds ended {ahead:.1f} plausible deviations from the hull that fits the dives best, which has no "
+            "stable glide; start from another platform"
+        ]
+    return []
 
 
 def profiles_text(rounds: HullRounds) -> str:

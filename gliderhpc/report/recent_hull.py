@@ -87,7 +87,7 @@ def implausible_warning(steps: Mapping[str, float]) -> str:
     if not far:
         return ""
     return (
-        f"WARNING: too far from the platform file to be values of the hull, in plausible deviations: {far}; something "
+        f"too far from the platform file to be values of the hull, in plausible deviations: {far}; something "
         "else has the same effect in every dive, so do not ballast or trim by these values; changes during the mission "
         "remain valid"
     )

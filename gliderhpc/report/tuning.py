@@ -69,6 +69,7 @@ def provenance(
         f"Prior tuned by `gliderhpc tune` {__version__} on {observations} (sha256 {digest[:12]})"
         f"{overrides}, {used_text(used, settings)}",
         _sentence(closing_text(tuned, settings)),
+        *map(_sentence, warnings(tuned, settings)),
         "; ".join(_number_text(row) for row in prior_rows(tuned)),
         "Normalised innovations before and after, variance (portmanteau over lags): "
         + ", ".join(
@@ -90,18 +91,21 @@ def used_text(used: Sequence[int], settings: TuneSettings) -> str:
 
 
 def closing_text(tuned: TunedPrior, settings: TuneSettings) -> str:
-    """Describe the gain, the rejected samples, and whether the maximum was reached."""
+    """Describe the gain, the rejected samples, and whether the maximum was reached; warnings are separate."""
     before, after = tuned.evaluation_before, tuned.evaluation_after
     reached = "" if tuned.settled else "; the rounds ended before the maximum was reached, increase tuning.max_rounds"
-    if refused := refusal(tuned, settings):
-        reached += (
-            f"; WARNING: {refused}, so do not use this prior: calibrate the hull first, or tune on rougher profiles"
-        )
     return (
         f"log-likelihood {before.log_likelihood:.1f} before, {after.log_likelihood:.1f} after, gain {tuned.gain:+.1f}; "
         f"largest share of a profile's samples rejected {max(before.rejected_fraction):.1%} before, "
         f"{max(after.rejected_fraction):.1%} after{reached}"
     )
+
+
+def warnings(tuned: TunedPrior, settings: TuneSettings) -> list[str]:
+    """Return a warning if a run with the tuned prior would refuse one of the profiles."""
+    refused = refusal(tuned, settings)
+    advice = "so do not use this prior: calibrate the hull first, or tune on rougher profiles"
+    return [f"{refused}, {advice}"] if refused else []
 
 
 def refusal(tuned: TunedPrior, settings: TuneSettings) -> str:

@@ -510,7 +510,7 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
     monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: reason)
     found = hulls.calibrate_and_tune(hulls.CalibrationInputs(None, hull, hulls.CalibrateSettings()), None)
     assert found.platform.prior == hull.prior
-    assert found.warnings[0].startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
+    assert found.caution.startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
     assert "the prior was tuned but is not used" in caplog.text
 
 
@@ -530,7 +530,6 @@ def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkey
 
     with_prior = hull.model_copy(update={"prior": default_prior(hull)})
     monkeypatch.setattr(HullFromDives, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
-    monkeypatch.setattr(HullFromDives, "warnings", property(lambda found: [found.caution]))
     monkeypatch.setattr(hulls, "calibrate_open", calibrated)
     monkeypatch.setattr(
         hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"], platform=with_prior)
@@ -539,7 +538,7 @@ def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkey
     found = hulls.calibrate_and_tune(hulls.CalibrationInputs(None, hull, hulls.CalibrateSettings()), None)
     assert found.platform is hull
     assert found.dives is first.dives
-    assert re.match(rf"the prior was tuned but is not used, since with it .*\({reason}\)", found.warnings[0])
+    assert re.match(rf"the prior was tuned but is not used, since with it .*\({reason}\)", found.caution)
 
 
 def test_a_prior_is_tuned_as_by_the_command(swift, tmp_path):

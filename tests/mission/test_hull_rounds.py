@@ -149,7 +149,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
     monkeypatch.setattr("gliderhpc.api.hulls.calibrate_on_dives", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert isinstance(found, HullFromGlides)
-    assert found.notes[-1].startswith("WARNING: fit of the steady glides alone, since the dives did not give a better")
+    assert found.notes[-1].startswith("fit of the steady glides alone, since the dives did not give a better")
     assert found.platform.source.endswith("calibration: worse.")
     assert "calibration" not in found.platform.model_fields_set
 
@@ -179,6 +179,7 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
     assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
     assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
     assert "held-out dives" in done.out
+    assert "\nwarning: the hull still moved in the last round" in done.out
 
 
 def test_hulls_with_fast_sensors_have_rounds_by_default():

@@ -100,7 +100,8 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
     (warning,) = (block for block in hull_blocks(message) if isinstance(block, Notice))
     assert "sensors.pitch_offset" in warning.text
     assert "do not ballast" in warning.text
-    assert not warning.text.startswith("WARNING")  # The page puts "Attention" before it.
+    assert warning.text == message.hull_warning
+    assert message.hull_warning.startswith("too far from the platform file")  # The page puts "Attention" before it.
     near = message.model_copy(update={"hull_warning": ""})
     assert not [block for block in hull_blocks(near) if isinstance(block, Notice)]
     (one, *_) = near.trim

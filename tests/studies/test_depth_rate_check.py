@@ -82,7 +82,7 @@ def test_a_hull_that_contradicts_its_glides_has_wider_intervals_until_it_does_no
     assert check.divisor > 10.0
     assert abs(found.overall.mean[DRAG]) < 1.96 * found.overall.std[DRAG]
     assert not compare(samples, HULL, PARAMETERS, found).contradicts
-    assert check.warning.startswith("WARNING: the values of the hull that the dives gave contradict the depth rate")
+    assert check.warning.startswith("the values of the hull that the dives gave contradict the depth rate")
     assert f"divided by {check.divisor:.0f}" in check.warning
     np.testing.assert_allclose(terms[3].score, BIASED[3].score / check.divisor)
     np.testing.assert_allclose(terms[3].information, BIASED[3].information / check.divisor)
@@ -129,7 +129,7 @@ def test_the_study_warns_first_and_stores_the_figures(brief_store, monkeypatch):
     with open_for_reading(brief_store) as archive:
         request = SimpleNamespace(profiles=None)
         prepared = study.prepare(request, archive, (), study.HullSettings())
-    assert prepared.remarks[0].startswith("WARNING: the values of the hull")
+    assert prepared.remarks[0].startswith("the values of the hull")
     assert prepared.attributes["depth_rate_check"]["divisor"] > 10.0
     divided, _ = study.combine_dives(prepared.inputs, study.HullSettings())
     whole, _ = study.combine_dives(MissionDives(HULL, PARAMETERS, BIASED, ()), study.HullSettings())
@@ -142,8 +142,8 @@ def test_a_surfacing_message_and_its_page_carry_the_warning(brief_store, monkeyp
     monkeypatch.setattr(recent_hull, "read_dives", lambda *_: MissionDives(HULL, PARAMETERS, BIASED, ()))
     with open_for_reading(brief_store) as archive:
         message = surfacing_message(archive, done_profiles(archive)[-1])
-    assert message.hull_warning.startswith("WARNING: the values of the hull")
-    assert hull_blocks(message)[0].text == message.hull_warning.replace("WARNING: ", "")
+    assert message.hull_warning.startswith("the values of the hull")
+    assert hull_blocks(message)[0].text == message.hull_warning
     quiet = message.model_copy(update={"hull_warning": ""})
     assert len(hull_blocks(quiet)) == len(hull_blocks(message)) - 1
 

@@ -27,7 +27,7 @@ from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.platform_sections import number_at
-from gliderhpc.report.calibration import notes
+from gliderhpc.report.calibration import notes, warnings
 from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning import steady_segments as segments_module
@@ -508,15 +508,15 @@ def test_an_error_that_nothing_explains_is_named():
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.4})
     segments = glides(truth, PETREL)
     found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
-    remarks = notes(found)
-    assert not any("hardly balances" in line for line in remarks)
+    stated = warnings(found)
+    assert not any("hardly balances" in line for line in stated)
     grown = replace(found.held_out, segments=9, errors_before=Errors(np.full(4, 0.01), np.full(4, 0.01)),
                     errors_after=Errors(np.array([0.01, 0.01, 0.01, 0.05]), np.full(4, 0.01)))  # fmt: skip
-    (warning,) = [line for line in notes(replace(found, held_out=grown)) if "hardly balances" in line]
+    (warning,) = [line for line in warnings(replace(found, held_out=grown)) if "hardly balances" in line]
     assert "at the profiles held out, the turn rate is in error by 2.86 degree/s, and by 0.57 " in warning
     assert "`calibration.hold=[K_beta,K_MR,K_MY,K_r]`" in warning
-    assert any(line.startswith("WARNING: the pitch is still in error by") for line in remarks)
-    assert not any("the roll is still in error" in line for line in remarks)
+    assert any(line.startswith("the pitch is still in error by") for line in stated)
+    assert not any("the roll is still in error" in line for line in stated)
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,12 @@ from scipy.stats import chi2
 from support.missions import changed_observations, program, samples_of
 
 from gliderhpc import load_platform
+from gliderhpc.api.estimated_hulls import TunedHull
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.observations import open_observations
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform
-from gliderhpc.report.tuning import closing_text, provenance
+from gliderhpc.report.tuning import provenance, warnings
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
 from gliderhpc.tuning.disturbance_prior import TuneSettings, TuningVerdict, tune_prior
@@ -160,10 +161,12 @@ def test_innovations_under_the_tuned_prior_are_white(tuned):
 def test_a_prior_under_which_runs_refuse_profiles_is_warned_of(tuned):
     """On the screen and in the file; a prior that follows its records is not mentioned."""
     lost = replace(tuned, evaluation_after=replace(tuned.evaluation_after, rejected_fraction=(0.0, 0.9)))
-    warning = "WARNING: a run refuses a profile with more than"
-    assert warning in closing_text(lost, SETTINGS)
-    assert warning in provenance(lost, "drawn.nc", "0" * 64, [1, 2], SETTINGS, ())
-    assert warning not in closing_text(tuned, SETTINGS)
+    (warning,) = warnings(lost, SETTINGS)
+    assert warning.startswith("a run refuses a profile with more than")
+    assert "do not use this prior" in warning
+    assert warning[1:] in provenance(lost, "drawn.nc", "0" * 64, [1, 2], SETTINGS, ())
+    assert warnings(tuned, SETTINGS) == []
+    assert TunedHull(platform=PETREL, tuned=lost, profiles=(1, 2), settings=SETTINGS).notes[-1] == warning
 
 
 # Which records

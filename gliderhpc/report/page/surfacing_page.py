@@ -59,7 +59,7 @@ def dive_facts(message: SurfacingMessage) -> dict[str, str]:
 
 def hull_blocks(message: SurfacingMessage) -> tuple[Block, ...]:
     """Return changes of the hull, and the differences from the platform file that a pilot can change or correct."""
-    doubt = (Notice(message.hull_warning.replace("WARNING: ", ""), "warning"),) if message.hull_warning else ()
+    doubt = (Notice(message.hull_warning, "warning"),) if message.hull_warning else ()
     return (*doubt, *_hull_changes(message), *_trim(message))
 
 

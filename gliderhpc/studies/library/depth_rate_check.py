@@ -142,7 +142,7 @@ class DepthRateCheck:
         within = f"{100.0 * self.motion:.1f} cm/s within a dive or climb (root mean square)"
         if self.contradicts:
             return (
-                "WARNING: the values of the hull that the dives gave contradict the depth rate of the steady glides by "
+                "the values of the hull that the dives gave contradict the depth rate of the steady glides by "
                 f"{_cm(self.dive, self.dive_std)} on dives and {_cm(self.climb, self.climb_std)} on climbs, as where "
                 "water moves vertically or its density is not that of the model; the depth rate varies by "
                 f"{within} more than the hull explains; the dives' information was divided by {self.divisor:.0f}, "
