@@ -11,7 +11,7 @@ from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.observations.files.headings import frozen_profiles, is_still
-from gliderhpc.observations.format import CONTROLS, MEASURED
+from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
 from gliderhpc.observations.importing.rows import onto_nearest, rarely_together
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.profiles import equal_runs
@@ -103,18 +103,12 @@ def _screened(record: ProfileRecord, name: str) -> tuple[FloatArray, int]:
     return screened, int(false.sum())
 
 
-_LEAST_EXCESS = {"battery_position": 0.1, "battery_rotation": np.radians(100.0), "ballast_volume": 500e-6}
+_MIN_EXCESS = {"battery_position": 0.1, "battery_rotation": np.radians(100.0), "ballast_volume": 500e-6}
 """Minimum distance (m, rad, m3) of a false sample of an actuator from the range of its other samples."""
 _EXCESS, _RATE = 2.0, 2.0
 """The same as a multiple of that range; and minimum ratio of its rate to that of any other movement."""
 _NEIGHBOURHOOD = 5
 """Number of samples whose median no run of one or two false samples reaches."""
-_IN_FILES = {
-    "battery_position": (1.0, "m"),
-    "battery_rotation": (np.degrees(1.0), "degree"),
-    "ballast_volume": (1e6, "cm3"),
-}
-"""Factor to the unit of the observation format, and that unit."""
 
 
 def without_false_controls(record: ProfileRecord) -> tuple[ProfileRecord, tuple[str, ...]]:
@@ -128,16 +122,17 @@ def without_false_controls(record: ProfileRecord) -> tuple[ProfileRecord, tuple[
     texts = []
     for name in CONTROLS:
         values: FloatArray = getattr(record, name)
-        false = _false_controls(record.time, values, _LEAST_EXCESS[name])
+        false = _false_controls(record.time, values, _MIN_EXCESS[name])
         if not len(false):
             continue
         cleaned[name] = values.copy()
         cleaned[name][false] = np.nan
-        factor, unit = _IN_FILES[name]
+        in_file = VARIABLES[name]
+        first = values[false[0]] / in_file.si_factor
         found = counted(len(false), f"isolated false sample of {name} is", f"isolated false samples of {name} are")
         texts.append(
-            f"{found} left out, the first {factor * values[false[0]]:.4g} {unit} after {record.time[false[0]]:.0f} s, "
-            "which no other movement of the actuator comes near: mark them missing (NaN)"
+            f"{found} left out, the first {first:.4g} {in_file.unit} after {record.time[false[0]]:.0f} s, which"
+            " no other movement of the actuator comes near: mark them missing (NaN)"
         )
     return (replace(record, **cleaned) if cleaned else record), tuple(texts)
 

@@ -22,7 +22,7 @@ from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.files.file_content import describe_failure, describe_missing
 from gliderhpc.observations.files.packed import open_dataset
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
-from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VELOCITY, VELOCITY_STD
+from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VARIABLES, VELOCITY, VELOCITY_STD
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,
@@ -133,14 +133,7 @@ class Observations:
             number=number,
             epoch=time[0],
             time=seconds,
-            roll=np.radians(values["roll"]),
-            pitch=np.radians(values["pitch"]),
-            heading=np.radians(values["heading"]),
-            depth=values["depth"],
-            battery_position=values["battery_position"],
-            battery_rotation=np.radians(values["battery_rotation"]),
-            ballast_volume=values["ballast_volume"] * 1e-6,
-            rudder=np.radians(values["rudder"]),
+            **{name: values[name] * VARIABLES[name].si_factor for name in PROFILE_VARIABLES},
             entry_fix=before[-1] if before else None,
             exit_fix=after[0] if after else None,
             surface_fixes_before=before,

@@ -4,6 +4,7 @@ Reader, validator and writer all use this table, so the format is defined once. 
 quantities (the source's own current, speed and flight model), which no estimate uses.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,8 @@ _SPELLINGS: dict[str, frozenset[str]] = {
     "dbar": frozenset({"dbar", "decibar", "decibars"}),
     "m s-1": frozenset({"m s-1", "m/s", "m.s-1", "m*s-1", "meter second-1", "metre second-1", "meters per second"}),
 }
+
+_SI_FACTORS = {"degree": math.pi / 180.0, "cm3": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,11 @@ class Variable:
     def dimensionless(self) -> bool:
         """Return whether a missing ``units`` attribute means the unit 1."""
         return "" in _SPELLINGS[self.quantity or self.unit]
+
+    @property
+    def si_factor(self) -> float:
+        """Factor from the unit in the file to that of a `ProfileRecord`: radians and m3 for degrees and cm3."""
+        return _SI_FACTORS.get(self.unit, 1.0)
 
 
 _TABLE = (
@@ -122,6 +130,7 @@ MAX_VELOCITY = 3.0
 OPTIONAL = (*SEAWATER, *VELOCITY, *VELOCITY_STD)
 """Variables along ``time`` that are used where a file has them."""
 CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")
+"""Actuators that every glider has; the rudder is optional."""
 REQUIRED = tuple(variable.name for variable in _TABLE if variable.required)
 
 PROFILE = "reference_profile"
