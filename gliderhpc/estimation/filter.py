@@ -130,12 +130,11 @@ def run_filters(
         Estimate of each profile, or the error with the reason of its refusal.
     """
     results: dict[int, FilterEstimate | ProfileError] = {}
-    explanations: dict[int, tuple[str, str]] = {}
+    running: dict[int, PreparedProfile] = {}
 
     def tasks() -> Iterator[_Task]:
         for i, profile in enumerate(profiles):
-            series = profile.series
-            explanations[i] = describe_rest(series), describe_unexpected_density(profile.glider.platform, series) or ""
+            running[i] = profile
             try:
                 yield _Task(
                     i,
@@ -146,7 +145,8 @@ def run_filters(
                 results[i] = error
 
     for i, estimate in _filter_in_lanes(tasks(), settings):
-        results[i] = refusal(estimate, settings, *explanations[i]) if _is_refused(estimate, settings) else estimate
+        profile = running.pop(i)
+        results[i] = refusal(estimate, settings, profile) if _is_refused(estimate, settings) else estimate
     return [results[i] for i in range(len(results))]
 
 
@@ -202,12 +202,18 @@ def _is_refused(estimate: FilterEstimate, settings: EstimationSettings) -> bool:
     return estimate.rejected_fraction > settings.filter.max_rejected_fraction
 
 
-def refusal(estimate: FilterEstimate, settings: EstimationSettings, rest: str = "", density: str = "") -> ProfileError:
+def refusal(
+    estimate: FilterEstimate, settings: EstimationSettings, profile: PreparedProfile | None = None
+) -> ProfileError:
     """Return the error for an estimate that rejected too large a share of samples.
 
-    A description of the glider's `rest` at one depth takes the place of a general remedy; a description of an
-    unexpected `density` is added.
+    If the profile is given, a rest of the glider at one depth is named in place of a general remedy, and an unexpected
+    density is added.
     """
+    rest, density = "", None
+    if profile is not None:
+        rest = describe_rest(profile.series)
+        density = describe_unexpected_density(profile.glider.platform, profile.series)
     remedy = rest or (_IN_TURNS if estimate.departing in ("roll", "heading") else _IN_TRIM)
     return ProfileError(
         f"{estimate.describe()}, more than {settings.filter.max_rejected_fraction:.0%}: the hull's model does not "

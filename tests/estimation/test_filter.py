@@ -281,8 +281,10 @@ def with_outliers(series, share):
     return replaced(series, measurements=measurements)
 
 
-def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
+def test_every_profile_gets_the_first_prior_that_can_follow_it(twin, monkeypatch):
     """Calm, gusty, hopeless and empty records are filtered together; each gets its result or the reason for none."""
+    searched = []
+    monkeypatch.setattr(filter_module, "describe_rest", lambda series: searched.append(series) or "at rest")
     scenario = load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0, "profiles": 1})
     gusty = resample(simulate_profile(PETREL, scenario, 0)[0], SETTINGS.step, SETTINGS.gap_limit(1.0))
     calm = cut(profile_series(twin, 1, SETTINGS), 4000)
@@ -295,6 +297,8 @@ def test_every_profile_gets_the_first_prior_that_can_follow_it(twin):
         assert_same(answer, filtered(series, platform=PETREL.model_copy(update={"prior": prior[1]})))
     whole = filtered(with_outliers(calm, 0.125), platform=PETREL.model_copy(update={"prior": second[1]}))
     assert str(answers[2]).startswith(f"{whole.describe()}, more than 5%: the hull's model does not follow")
+    assert "; at rest, or raise" in str(answers[2])
+    assert searched == [requests[2].series]  # Only a refused record is searched for a rest.
     assert "no sample of roll, pitch, heading and depth together" in str(answers[3])
 
 
