@@ -1,15 +1,16 @@
-"""Write ``docs/twins.md`` and ``docs/estimators.md`` from the twin studies, so that no figure is typed by hand.
+"""Write the pages on twin experiments and on the estimators, so that no figure is typed by hand.
 
 Usage, after ``gliderhpc twin windows|sensitivity|recoverability|currents|estimators --out twins``: ``python -m
-benchmarks.twins twins``. ``docs/twins.md`` needs the first three; ``currents`` gives its section on the current, by
-itself too; the last gives ``docs/estimators.md`` and the README's claim about accuracy. A page or section whose studies
-are not in the folder is left as it is.
+benchmarks.twins twins``. ``docs/twins.md`` gives the answers, ``docs/twins-tables.md`` the tables of every setting. Both
+need the first three studies; ``currents`` gives their sections on the current, by itself too; the last gives
+``docs/estimators.md`` and the README's claim about accuracy. A page or section whose studies are not in the folder is
+left as it is.
 """
 
 import json
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,13 @@ from gliderhpc.vocabulary import CHANNELS
 STUDIES = ("windows", "sensitivity", "recoverability")
 CURRENTS = "currents"
 ESTIMATORS = "estimators"
+PAGES = ("twins.md", "twins-tables.md")
+"""Pages, and their templates, of the answers and of the tables of every setting."""
+CURRENT_SECTIONS = ("currents.md", "currents-tables.md")
+"""Templates of the sections on the current, in the same order."""
 ROOT = Path(__file__).resolve().parents[1]
 Row = dict[str, Any]
+Cells = tuple[str, ...]
 
 WINDOW_SCORES = {
     "rmse_B_cr": "yaw, N m", "rmse_B_cu": "surge, N", "rmse_B_cq": "pitch, N m", "overall": "all, relative",
@@ -41,6 +47,13 @@ TRANSFER_SCORES = {
     "phase": "phase, degree",
     "coherence": "coherence",
 }
+SAMPLING = {
+    "sample interval": "with a sample every {} s: {}",
+    "dropout": "with a fraction {} of the samples missing: {}",
+    "gap": "with gaps of {} s: {}",
+}
+"""Sweeps of the sampling, with their words."""
+_ABSENT = number(None)
 SWEEPS = {
     "sliding": "overlapping", "not sliding": "non-overlapping", "margin": "margin", "tau_c": "tau_c",
     "tolerance": "tolerance", "scale of yaw": "scale of yaw", "scale of the others": "scale of the others",
@@ -71,6 +84,53 @@ def comparisons(content: Row) -> list[tuple[str, str]]:
         (title, markdown(COLUMNS, (comparison_from_json(row).cells for row in rows), NUMBER_COLUMNS))
         for title, rows in content["comparisons"].items()
     ]
+
+
+def cases_of(content: Row) -> dict[str, list[Cells]]:
+    """Cells of the comparisons with the paper, by case (hull and preset)."""
+    return {title: [comparison_from_json(row).cells for row in rows] for title, rows in content["comparisons"].items()}
+
+
+def case_table(cases: Mapping[str, Sequence[Cells]], also: str = "") -> str:
+    """One column of values for each case, with the quantities for which the paper states a figure.
+
+    Parameters
+    ----------
+    cases : mapping of str to sequence of tuple
+        Cells of the comparisons, in the order of `COLUMNS`, by case.
+    also : str, optional
+        Beginning of the names of further quantities.
+    """
+    quantity, unit, paper, ours = range(4)
+    shown: dict[str, Cells] = {}
+    values: dict[tuple[str, str], str] = {}
+    for case, rows in cases.items():
+        for cells in rows:
+            values[cells[quantity], case] = cells[ours]
+            if cells[paper] != _ABSENT or (also and cells[quantity].startswith(also)):
+                shown.setdefault(cells[quantity], cells)
+    lines = [
+        (name, cells[unit], cells[paper], *(values.get((name, case), _ABSENT) for case in cases))
+        for name, cells in shown.items()
+    ]
+    return markdown(("quantity", "unit", "paper's figure", *cases), lines, ("paper's figure", *cases))
+
+
+def sampling_sentences(cases: Mapping[str, Sequence[Cells]]) -> list[str]:
+    """Error of the yaw moment against interval, loss and gaps of the samples, one sentence for each preset."""
+    ending = ": yaw RMSE"
+    sentences = []
+    for case, rows in cases.items():
+        values = {cells[0].removesuffix(ending): cells[3] for cells in rows if cells[0].endswith(ending)}
+        parts = []
+        for sweep, words in SAMPLING.items():
+            figures = {
+                name.removeprefix(f"{sweep} "): value for name, value in values.items() if name.startswith(sweep)
+            }
+            if figures:
+                parts.append(words.format(", ".join(figures), ", ".join(figures.values())))
+        sentences.append("; ".join([f"{case}: RMSE of the yaw moment {values['usual twin']} N m", *parts]) + ".")
+    return sentences
 
 
 def sweep_table(content: Row, hull: str, preset: str) -> str:
@@ -132,12 +192,12 @@ def budget_table(budget: Row) -> str:
     return markdown(("key of `budget.yaml`", "value"), figures)
 
 
-def coverage_table(content: Row) -> str:
-    """Shares inside the ellipses, by constants and speed."""
+def coverage_table(content: Row, speed: str | None = None) -> str:
+    """Shares inside the ellipses, by constants and speed; by constants alone for one speed."""
     rows = [
         [
             line["constants"],
-            line["speed"],
+            *(() if speed else (line["speed"],)),
             str(line["twins"]),
             *(f"{line[f'inside_{sigma}']:.3f} ± {line[f'inside_{sigma}_error']:.3f}" for sigma in COVERAGE),
             number(line["area"]),
@@ -145,9 +205,11 @@ def coverage_table(content: Row) -> str:
             line["verdict"],
         ]
         for line in content["coverage"]
+        if speed in (None, line["speed"])
     ]
     shares = (f"within {sigma} sigma (nominal {share:g})" for sigma, share in COVERAGE.items())
-    return markdown(("constants", "current", "twins", *shares, "area, m2/s2", "median error, m/s", "verdict"), rows)
+    named = ("constants", *(() if speed else ("current",)), "twins")
+    return markdown((*named, *shares, "area, m2/s2", "median error, m/s", "verdict"), rows)
 
 
 def constants_table(content: Row) -> str:
@@ -180,8 +242,8 @@ def render(template: str, **values: Any) -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    tables = (bias_table, biases, budget_table, comparisons, constants_table, coverage_table, detection_matrix)
-    others = (error_table, made_by, sweep_table, transfer_table)
+    tables = (bias_table, biases, budget_table, case_table, comparisons, constants_table, coverage_table)
+    others = (cases_of, detection_matrix, error_table, made_by, sampling_sentences, sweep_table, transfer_table)
     environment.filters |= {function.__name__: function for function in (*tables, *others)}
     environment.filters |= {
         "g": "{:g}".format,
@@ -191,30 +253,28 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(values).rstrip()
 
 
-def current_section(content: Row) -> str:
-    """Section on the current's ellipses and on the response of the yaw moment to shear."""
-    return render("currents.md", content=content, spreads=content["size"]["spreads"], **content)
-
-
 def write_currents(folder: Path, docs: Path) -> None:
-    """Put the section on the current into the page of the twins, and copy its figure and its budget."""
-    page = docs / "twins.md"
-    section = current_section(read(folder, CURRENTS))
-    page.write_text(with_section(page.read_text("utf-8"), CURRENTS, section), "utf-8")
+    """Put the sections on the current into the pages of the twins, and copy their figure and budget."""
+    content = read(folder, CURRENTS)
+    for name, template in zip(PAGES, CURRENT_SECTIONS, strict=True):
+        page = docs / name
+        section = render(template, content=content, spreads=content["size"]["spreads"], **content)
+        page.write_text(with_section(page.read_text("utf-8"), CURRENTS, section), "utf-8")
     budget = folder / "currents_budget.yaml"
     copy_figures(docs, [folder / f"{CURRENTS}.png", *([budget] if budget.exists() else [])])
 
 
 def write_twins(folder: Path, docs: Path) -> None:
-    """Write the page on windows, sensitivity and recoverability, and copy the figures.
+    """Write the pages on windows, sensitivity and recoverability, and copy the figures.
 
-    The section on the current is left as it is.
+    The sections on the current are left as they are.
     """
-    page = docs / "twins.md"
-    currents = section_of(page.read_text("utf-8"), CURRENTS) if page.exists() else None
-    text = render("twins.md", currents=currents, **{study: read(folder, study) for study in STUDIES})
+    studies = {study: read(folder, study) for study in STUDIES}
     copy_figures(docs, [folder / f"{study}.png" for study in STUDIES] + [folder / "budget.yaml"])
-    page.write_text(text + "\n", "utf-8")
+    for name in PAGES:
+        page = docs / name
+        currents = section_of(page.read_text("utf-8"), CURRENTS) if page.exists() else None
+        page.write_text(render(name, currents=currents, **studies) + "\n", "utf-8")
 
 
 def write_estimators(folder: Path, docs: Path, readme: Path) -> None:

@@ -321,9 +321,11 @@ def test_the_page_gets_its_section_and_keeps_the_rest(findings, tmp_path):
     write_findings(findings, "currents", tmp_path)
     docs = tmp_path / "docs"
     docs.mkdir()
-    page = docs / "twins.md"
-    page.write_text("before\n<!-- currents -->\nold\n<!-- /currents -->\n", "utf-8")
+    page, tables = docs / "twins.md", docs / "twins-tables.md"
+    for path in (page, tables):
+        path.write_text("before\n<!-- currents -->\nold\n<!-- /currents -->\n", "utf-8")
     twins_page.main(tmp_path, docs, tmp_path / "README.md")
+    assert "### Coverage of the ellipses, by speed of the current" in tables.read_text("utf-8")
     text = page.read_text("utf-8")
     assert text.startswith("before\n<!-- currents -->\n## Currents\n")
     assert "old" not in text

@@ -216,6 +216,12 @@ def test_twin_pages_have_a_section_for_every_study(windows, sensitivity, recover
     page = (tmp_path / "twins.md").read_text("utf-8")
     for title in ("## Windows", "## Sensitivity", "## Recoverability", "### The budget"):
         assert title in page
+    assert "| yaw RMSE, 30 s overlapping | N m | 0.150 |" in page
+    assert "every setting (medians)" not in page
+    assert "RMSE of the yaw moment" in page
+    tables = (tmp_path / "twins-tables.md").read_text("utf-8")
+    for title in ("## Windows", ": every setting (medians)", "### Offsets, recommended", "detection rate"):
+        assert title in tables
     assert (tmp_path / "twins" / "windows.png").exists()
     page = (tmp_path / "estimators.md").read_text("utf-8")
     assert "](twins/estimators.png)" in page
