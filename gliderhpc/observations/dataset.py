@@ -128,12 +128,13 @@ class Observations:
         time = self._stored.times("time", span.start, span.stop).time
         seconds = (time - time[0]) / SECOND
         before, after, reasons = self._fixes(span)
-        seawater = {name: self._optional(name, span) for name in SEAWATER}
+        seawater: dict[str, Any] = {name: self._optional(name, span) for name in SEAWATER}
+        measured: dict[str, Any] = {name: values[name] * VARIABLES[name].si_factor for name in PROFILE_VARIABLES}
         return ProfileRecord(
             number=number,
             epoch=time[0],
             time=seconds,
-            **{name: values[name] * VARIABLES[name].si_factor for name in PROFILE_VARIABLES},
+            **measured,
             entry_fix=before[-1] if before else None,
             exit_fix=after[0] if after else None,
             surface_fixes_before=before,
