@@ -10,14 +10,12 @@ from gliderhpc import load_platform
 from gliderhpc.findings.findings import markdown
 from gliderhpc.store_schema.columns import median_column
 from gliderhpc.studies.library.drift.change_points import (
-    AXIAL,
-    MOMENTS,
     SEARCHES,
-    Change,
     find_changes,
     find_moment_changes,
     moment_per_degree,
 )
+from gliderhpc.studies.library.drift.changes import AXIAL, MOMENTS, Change
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY, ChangeSettings
 from gliderhpc.studies.library.drift.shape_fits import EPISODE
 from gliderhpc.studies.library.trends import SIGNIFICANCE, mann_kendall, robust_test

@@ -20,9 +20,9 @@ from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import CHANGE, FORWARD_ERROR_COLUMN, MOMENT_CHANGE, median_column
 from gliderhpc.studies.archived import chosen_profiles, outdated_input_remarks, platform_of, settings_of, windows_start
-from gliderhpc.studies.library.drift.change_points import Changes, find_changes, find_moment_changes
+from gliderhpc.studies.library.drift.change_points import find_changes, find_moment_changes
 from gliderhpc.studies.library.drift.change_rows import stored_changes, stored_moment_changes
-from gliderhpc.studies.library.drift.change_text import drag_name, moment_name, next_text
+from gliderhpc.studies.library.drift.changes import Changes
 from gliderhpc.studies.library.drift.coefficients import (
     CoefficientSlopes,
     SegmentMedians,
@@ -203,9 +203,9 @@ def mission_drift(plan: Plan, rows: Mapping[int, Row]) -> GroupContent:
             "depth_band": (band.low, band.high),
             "segments": studied.segments,
             "p_of_next_change": changes.p,
-            "next_change": next_text(changes, drag_name),
+            "next_change": changes.next,
             "p_of_next_moment_change": moments.p,
-            "next_moment_change": next_text(moments, moment_name),
+            "next_moment_change": moments.next,
         },
         remarks=(band.remark,) if band.remark else (),
         columns=tuple(map(str, studied.table)),

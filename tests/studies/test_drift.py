@@ -29,10 +29,11 @@ from gliderhpc.store_schema import check_archive
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.studies.library.drift.change_points import Changes, find_changes
+from gliderhpc.studies.library.drift.change_points import find_changes
 from gliderhpc.studies.library.drift.change_rows import change_rows, read_changes, stored_changes
 from gliderhpc.studies.library.drift.change_search import spikes
 from gliderhpc.studies.library.drift.change_text import change_lines, describe_change
+from gliderhpc.studies.library.drift.changes import Changes
 from gliderhpc.studies.library.drift.coefficients import (
     OWN,
     SegmentMedians,

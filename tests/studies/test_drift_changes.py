@@ -11,9 +11,8 @@ from benchmarks import drift_series
 from gliderhpc.platform import read_platform
 from gliderhpc.store_schema.columns import median_column
 from gliderhpc.store_schema.schema import group_called
+from gliderhpc.studies.library.drift import change_points
 from gliderhpc.studies.library.drift.change_points import (
-    MOMENTS,
-    Changes,
     find_changes,
     find_moment_changes,
     moment_per_degree,
@@ -25,12 +24,13 @@ from gliderhpc.studies.library.drift.change_rows import (
     stored_moment_changes,
 )
 from gliderhpc.studies.library.drift.change_text import (
+    describe_briefly,
     describe_change,
     drag_name,
     moment_lines,
     moment_name,
-    next_text,
 )
+from gliderhpc.studies.library.drift.changes import MOMENTS, Changes
 from gliderhpc.studies.library.drift.medians import PRIMARY, ChangeSettings, DriftSettings
 from gliderhpc.studies.library.drift.verdict import find_drift, verdict_lines
 from gliderhpc.vocabulary import PHASES
@@ -120,22 +120,22 @@ def test_both_searches_share_the_level():
         assert len(find_moment_changes(table, HULL, settings, 0).found) == count
 
 
-def test_the_most_probable_change_is_mentioned_although_it_is_not_significant():
+def test_the_most_probable_change_is_mentioned_although_it_is_not_significant(monkeypatch):
     """A rolling moment that began during a mission of 14 dives was passed over in silence at a probability of 0.015."""
     table = stepped(moments=ROLLED)
     changes = find_moment_changes(table, HULL, SETTINGS.model_copy(update={"level": 0.019}), 0)
     (significant,) = find_moment_changes(table, HULL, SETTINGS.model_copy(update={"level": 0.03}), 0).found
     assert changes.found == ()
-    assert (changes.next.kind, changes.next.first, changes.next.sizes) == (
-        significant.kind, significant.first, significant.sizes
-    )  # fmt: skip
-    attributes = {"p_of_next_moment_change": changes.p, "next_moment_change": next_text(changes, moment_name)}
+    assert changes.next == describe_briefly(significant, moment_name)
+    attributes = {"p_of_next_moment_change": changes.p, "next_moment_change": changes.next}
     names = {name: ("moment_change", values) for name, values in stored_moment_changes(Changes((significant,))).items()}
     empty = xr.Dataset(names, attrs=attributes).isel(moment_change=slice(0, 0))
     (line,) = moment_lines(read_moment_changes(xr.DataTree.from_dict({"drift": empty})), PER_DEGREE)
     since = f"from profile {significant.first} on, dives and climbs"
     assert line.endswith(f"; the most probable is a step of the rolling moment ({since})")
-    assert next_text(replace(changes, p=0.11), moment_name) == ""
+    monkeypatch.setattr(change_points, "MAX_NAMED_P", 0.5 * changes.p)
+    probably_chance = find_moment_changes(table, HULL, SETTINGS.model_copy(update={"level": 0.019}), 0)
+    assert (probably_chance.p, probably_chance.next) == (changes.p, "")
 
 
 def test_changes_of_the_moments_are_read_back_as_they_were_left():

@@ -28,9 +28,10 @@ from gliderhpc.studies.archived import (
     windows_start,
 )
 from gliderhpc.studies.drift import NAME
-from gliderhpc.studies.library.drift.change_points import MOMENTS, SEARCHES, Change
+from gliderhpc.studies.library.drift.change_points import SEARCHES
 from gliderhpc.studies.library.drift.change_rows import change_rows, moment_rows, read_changes, read_moment_changes
 from gliderhpc.studies.library.drift.change_text import change_lines, moment_lines, shaded
+from gliderhpc.studies.library.drift.changes import MOMENTS, Change
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn, read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
 from gliderhpc.studies.library.drift.medians import (

@@ -10,9 +10,9 @@ from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.archive.reader import Archive
 from gliderhpc.store_schema.columns import MOMENT_CHANGE, change_column, moment_column
 from gliderhpc.studies.archived import stored_attribute
-from gliderhpc.studies.library.drift.change_points import AXIAL, MISSING, MOMENTS, QUANTITIES, Change, Changes
 from gliderhpc.studies.library.drift.change_search import PARTS, TOGETHER, Size, SizeKey
 from gliderhpc.studies.library.drift.change_text import MOMENT_NAMES, drag_name, phases_text
+from gliderhpc.studies.library.drift.changes import AXIAL, MISSING, MOMENTS, QUANTITIES, Change, Changes
 from gliderhpc.studies.library.drift.medians import DRAG, PRIMARY
 from gliderhpc.studies.library.drift.shape_fits import FORMS
 from gliderhpc.vocabulary import PHASES
@@ -44,10 +44,10 @@ def read_changes(archive: Archive) -> Changes:
     return _as_read(changes, p, archive[_GROUP].attrs.get("next_change", ""))
 
 
-def _as_read(changes: Iterable[Change | None], p: Any, next_text: str) -> Changes:
+def _as_read(changes: Iterable[Change | None], p: Any, following: str) -> Changes:
     """Return stored changes without missing ones; without a stored probability of the next one it is NaN."""
     found = tuple(change for change in changes if change is not None)
-    return Changes(found, _MISSING if p is None else float(p), next_text=next_text)
+    return Changes(found, _MISSING if p is None else float(p), following)
 
 
 def _row(change: Change) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def change_rows(changes: Changes, reference: float) -> list[dict[str, Any]]:
 
 def changes_as_json(changes: Changes, reference: float) -> dict[str, Any]:
     """Return the change points as plain values."""
-    return {"p_of_next": changes.p, "next": changes.next_text, "found": change_rows(changes, reference)}
+    return {"p_of_next": changes.p, "next": changes.next, "found": change_rows(changes, reference)}
 
 
 def _of_part(change: Change, part: str, reference: float) -> dict[str, float]:
@@ -217,4 +217,4 @@ def moment_rows(changes: Changes) -> list[dict[str, Any]]:
 
 def moments_as_json(changes: Changes) -> dict[str, Any]:
     """Return the changes of the moments as plain values."""
-    return {"p_of_next": changes.p, "next": changes.next_text, "found": moment_rows(changes)}
+    return {"p_of_next": changes.p, "next": changes.next, "found": moment_rows(changes)}

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 
 from gliderhpc.findings.findings import number
-from gliderhpc.studies.library.drift.change_points import AXIAL, MAX_NAMED_P, Change, Changes
 from gliderhpc.studies.library.drift.change_search import Size
+from gliderhpc.studies.library.drift.changes import AXIAL, Change, Changes
 from gliderhpc.studies.library.drift.medians import DRAG
 from gliderhpc.studies.library.drift.shape_fits import EPISODE, FORMS, RAMP
 from gliderhpc.vocabulary import PHASES
@@ -51,7 +51,7 @@ def no_change_text(changes: Changes, searched: str) -> str:
             f"no step, ramp or episode of {searched} is named: too few profiles, a quick study, or none that is large "
             "enough"
         )
-    strongest = f"; the most probable is {changes.next_text}" if changes.next_text else ""
+    strongest = f"; the most probable is {changes.next}" if changes.next else ""
     return f"no step, ramp or episode of {searched} is shown (p {number(changes.p)}){strongest}"
 
 
@@ -82,15 +82,11 @@ def with_article(change: Change) -> str:
 
 def kinds_text(changes: Changes, name_of: Callable[[Change], str]) -> str:
     """Name the change points briefly, for the beginning of the verdict; empty if there are none."""
-    return "; ".join(_brief_text(change, name_of) for change in changes.found)
+    return "; ".join(describe_briefly(change, name_of) for change in changes.found)
 
 
-def next_text(changes: Changes, name_of: Callable[[Change], str]) -> str:
-    """Describe the strongest change that is not significant; empty if there is none, or if it is probably chance."""
-    return _brief_text(changes.next, name_of) if changes.next is not None and changes.p <= MAX_NAMED_P else ""
-
-
-def _brief_text(change: Change, name_of: Callable[[Change], str]) -> str:
+def describe_briefly(change: Change, name_of: Callable[[Change], str]) -> str:
+    """Describe a change by its kind, quantity, profiles and phases."""
     return f"{with_article(change)} of the {name_of(change)} ({_profiles_text(change)}, {phases_text(change)})"
 
 

@@ -14,10 +14,11 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.findings import number
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
-from gliderhpc.studies.library.drift.change_points import Changes, moment_per_degree
+from gliderhpc.studies.library.drift.change_points import moment_per_degree
 from gliderhpc.studies.library.drift.change_rows import changes_as_json, moments_as_json
 from gliderhpc.studies.library.drift.change_search import MIN_VALUES_SEARCHED
 from gliderhpc.studies.library.drift.change_text import change_lines, drag_name, kinds_text, moment_lines, moment_name
+from gliderhpc.studies.library.drift.changes import Changes
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes
 from gliderhpc.studies.library.drift.departures import amplitude
 from gliderhpc.studies.library.drift.drag import (
