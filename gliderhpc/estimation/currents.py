@@ -26,7 +26,7 @@ MIN_DRIFT_TIME = 60.0
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class DriftSegment:
     """Drift velocity (m/s, north and east) of one dive-climb cycle, between two samples of the profile."""
 
     start: int
@@ -70,7 +70,7 @@ class DepthAveragedCurrent:
         Covariance of the current, m2/s2.
     drift : Drift
         Displacements, time and variances from which both follow.
-    segments : tuple of Segment
+    segments : tuple of DriftSegment
         Drift of each dive-climb cycle (eqs. 39 and 40); empty for the smoother.
     entry, exit : SurfaceInterval
         Intervals at the surface between the fixes and the dive, and the drift removed there.
@@ -79,7 +79,7 @@ class DepthAveragedCurrent:
     velocity: Array
     covariance: Array
     drift: Drift
-    segments: tuple[Segment, ...]
+    segments: tuple[DriftSegment, ...]
     entry: SurfaceInterval
     exit: SurfaceInterval
 
@@ -182,7 +182,7 @@ def depth_averaged_current(
     velocities = between_fixes.moved / total - np.diff(track.positions, axis=0) / times[:, None]
     velocity = times @ velocities / total
     ends = zip(track.samples[:-1], track.samples[1:], velocities, strict=True)
-    segments = tuple(Segment(int(a), int(b), v) for a, b, v in ends)
+    segments = tuple(DriftSegment(int(a), int(b), v) for a, b, v in ends)
     drift = Drift(
         velocity, track.total, total, between_fixes.variance, track.bridged,
         np.zeros((2, 2)) if track_covariance is None else track_covariance, with_hull=track_covariance is not None,

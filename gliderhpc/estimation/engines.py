@@ -31,7 +31,7 @@ from gliderhpc.estimation.windows import (
 )
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
-from gliderhpc.kernels.lane_memory import Descent, Problem, Progress
+from gliderhpc.kernels.lane_memory import Descent, LaneProgress, Problem
 from gliderhpc.kernels.quasi_newton import proceed, run_until_done
 from gliderhpc.outcomes import Outcome
 
@@ -207,7 +207,7 @@ class FortranRun:
         self._problem: Problem | None = None
         self._evaluate: Callable[[], None] | None = None
 
-    def __call__(self, problem: Problem, descent: Descent, progress: Progress) -> None:
+    def __call__(self, problem: Problem, descent: Descent, progress: LaneProgress) -> None:
         """Evaluate and decide until a lane is done or no lane is active."""
         # The library's call is for one memory, which changes only when it grows.
         if self._evaluate is None or problem is not self._problem:

@@ -34,8 +34,8 @@ from gliderhpc.kernels.lane_memory import (
     IDLE,
     UNFLYABLE,
     Descent,
+    LaneProgress,
     Problem,
-    Progress,
     allocate,
     load_window,
     read_window,
@@ -44,7 +44,7 @@ from gliderhpc.kernels.quasi_newton import run_until_done
 from gliderhpc.outcomes import Outcome
 
 Key = TypeVar("Key")
-Run = Callable[[Problem, Descent, Progress], None]
+Run = Callable[[Problem, Descent, LaneProgress], None]
 """Function that evaluates and decides until a lane is done, such as `run_until_done`."""
 
 
@@ -81,7 +81,7 @@ class LaneBatch:
             self._settings.tolerance * data.step, data.iteration_limit(self._settings),
         )  # fmt: skip
 
-    def _allocated(self, steps: int) -> tuple[Problem, Descent, Progress]:
+    def _allocated(self, steps: int) -> tuple[Problem, Descent, LaneProgress]:
         return allocate(steps, self._settings.optimizer.history, alone=self._alone)
 
     def _extend(self, steps: int) -> None:

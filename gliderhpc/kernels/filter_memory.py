@@ -85,7 +85,7 @@ class Memory(NamedTuple):
     sweep: Sweep
 
 
-class Progress(NamedTuple):
+class FilterProgress(NamedTuple):
     """Progress of each lane, integers ``(LANES,)``.
 
     Attributes
@@ -145,7 +145,7 @@ class Records(NamedTuple):
     innovations: Array
 
 
-def allocate() -> tuple[Memory, Progress]:
+def allocate() -> tuple[Memory, FilterProgress]:
     """Allocate the memory for `LANES` profiles, with all lanes idle."""
     m = BLOCK
     memory = Memory(
@@ -159,7 +159,7 @@ def allocate() -> tuple[Memory, Progress]:
     memory.hull[...] = 1.0
     memory.variance[...] = 1.0
     memory.path[:, 4] = 1.0
-    return memory, Progress(*(np.zeros(LANES, dtype=np.int64) for _ in Progress._fields))
+    return memory, FilterProgress(*(np.zeros(LANES, dtype=np.int64) for _ in FilterProgress._fields))
 
 
 @inner_kernel

@@ -108,7 +108,7 @@ class Descent(NamedTuple):
     reach: Array
 
 
-class Progress(NamedTuple):
+class LaneProgress(NamedTuple):
     """Progress of each lane, as numbers: arrays ``(LANES,)``, ``(1,)`` for a window alone, except for the last three.
 
     Attributes
@@ -141,7 +141,7 @@ class Progress(NamedTuple):
     change_change: Array
 
 
-def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem, Descent, Progress]:
+def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem, Descent, LaneProgress]:
     """Allocate the memory for windows of up to ``steps`` steps and ``history`` pairs, with all lanes idle.
 
     There are `LANES` windows, or one if it is ``alone``: its arrays have no axis of lanes, and take a fraction of the
@@ -167,7 +167,7 @@ def allocate(steps: int, history: int, *, alone: bool = False) -> tuple[Problem,
     )  # fmt: skip
     status, iterations, evaluations, tries, pairs, newest, limit = np.zeros((7, count), dtype=np.int64)
     value, norm, least_norm, curvature = np.zeros((4, count))
-    progress = Progress(
+    progress = LaneProgress(
         status, iterations, evaluations, tries, pairs, newest, limit, value, norm, least_norm, curvature,
         search=np.zeros((count, len(Search._fields))), step_change=np.zeros((count, m, m)),
         change_change=np.zeros((count, m, m)),

@@ -240,9 +240,9 @@ def sum_information(hull, problem, assumed, forcing, states, disturbances, scrat
         displacement.
     scratch : Scratch
         Memory.
-    information : Information
+    information : ErrorInformation
         Result, to be filled; zero at first.
-    tape : Tape
+    tape : SensitivityTape
         Memory of the forward sweep for the backward sweep; not used without rows.
     out : SmoothedSensitivity
         Sensitivities in the requested rows, and of the displacement, to be filled; nothing is filled without rows.

@@ -49,7 +49,7 @@ class Forcing(NamedTuple):
     start: Array
 
 
-class Sensitivity(NamedTuple):
+class SensitivityBlock(NamedTuple):
     """Sensitivities along the rows of one block and the row after it, and scratch.
 
     Attributes
@@ -130,7 +130,7 @@ class SensitivityRows(NamedTuple):
     track_states: Array
 
 
-class Tape(NamedTuple):
+class SensitivityTape(NamedTuple):
     """Memory of a forward sweep, for the backward sweep.
 
     Attributes
@@ -152,7 +152,7 @@ class Tape(NamedTuple):
     cross: Array
 
 
-class Information(NamedTuple):
+class ErrorInformation(NamedTuple):
     """Information of a profile on ``eta``, under each of ``a`` assumptions; of a single one, without that axis.
 
     Attributes
@@ -196,12 +196,12 @@ class Scratch(NamedTuple):
     block: Block
     tally: Array
     gradient: Gradient
-    sensitivity: Sensitivity
+    sensitivity: SensitivityBlock
     carried: SensitivityRows
 
 
 declare_sizes(Forcing, start=(16,), bodies=(11,))
-declare_sizes(Sensitivity, cross=(2,))
+declare_sizes(SensitivityBlock, cross=(2,))
 declare_sizes(
     Gradient,
     hull=(HULL_CONSTANTS, LANES),
@@ -212,8 +212,8 @@ declare_sizes(
 )
 declare_sizes(Assumptions, noise=(6,))
 declare_sizes(SensitivityRows, mean=(16,), covariance=(16, 16), cross=(2, 16), track=(2, 2))
-declare_sizes(Tape, transition=(11, 16), gain=(16,), covariance=(16, 16), cross=(2, 16))
-declare_sizes(Information, filtered=(16,))
+declare_sizes(SensitivityTape, transition=(11, 16), gain=(16,), covariance=(16, 16), cross=(2, 16))
+declare_sizes(ErrorInformation, filtered=(16,))
 
 
 def columns_for(parameters: int) -> int:
@@ -241,10 +241,10 @@ def allocate_scratch(rows: Array, forcing: Forcing, assumptions: int = 1) -> Scr
     )
 
 
-def allocate_sensitivity(parameters: int) -> Sensitivity:
+def allocate_sensitivity(parameters: int) -> SensitivityBlock:
     """Allocate the memory of one block for a number of parameters."""
     m, innovations, q = BLOCK + 1, 7 * BLOCK, columns_for(parameters)
-    return Sensitivity(
+    return SensitivityBlock(
         states=aligned(m, 16, q), track=aligned(m, 2, q), predicted=aligned(innovations, q),
         weighted=aligned(innovations, q), channel=np.zeros(innovations, dtype=np.int64), weight=np.zeros(innovations),
         scaled=np.zeros(innovations), cross=np.zeros((innovations, 2)), forced=aligned(BLOCK, 12, q),
@@ -252,16 +252,16 @@ def allocate_sensitivity(parameters: int) -> Sensitivity:
     )  # fmt: skip
 
 
-def allocate_information(assumptions: int, segments: int, parameters: int) -> Information:
+def allocate_information(assumptions: int, segments: int, parameters: int) -> ErrorInformation:
     """Allocate the memory for the information of a profile."""
     a, q = assumptions, columns_for(parameters)
-    return Information(np.zeros((a, q, q)), np.zeros((a, q)), np.zeros((a, segments + 1, 16)))
+    return ErrorInformation(np.zeros((a, q, q)), np.zeros((a, q)), np.zeros((a, segments + 1, 16)))
 
 
-def allocate_tape(segments: int, samples: int, channels: int, rows: int, parameters: int) -> Tape:
+def allocate_tape(segments: int, samples: int, channels: int, rows: int, parameters: int) -> SensitivityTape:
     """Allocate the memory for the tape of a profile, given the numbers of rows with a sample and of requested rows."""
     f, c, q = samples, channels, columns_for(parameters)
-    return Tape(
+    return SensitivityTape(
         np.zeros((segments, 11, 16)), np.zeros((f, c, 16)), np.zeros((f, c, q)), np.zeros((f, c)),
         np.zeros((rows, 16, 16)), np.zeros((rows, 2, 16)),
     )  # fmt: skip

@@ -126,7 +126,7 @@ def linearise_with_constants(
         First row in the block, a multiple of `LANES`: the products are saved in group ``at // LANES``.
     tally, gradient : (14,), Gradient
         Scratch.
-    sensitivity : Sensitivity
+    sensitivity : SensitivityBlock
         Memory, in the field `forced` of which the derivatives are stored.
     """
     lanes = segments.lanes

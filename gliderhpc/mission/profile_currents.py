@@ -15,7 +15,7 @@ from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.current_rows import component_row, current_row, fix_row, surface_drift_row
 from gliderhpc.estimation.currents import (
     DepthAveragedCurrent,
-    Segment,
+    DriftSegment,
     SurfaceInterval,
     Track,
     current_from_displacement,
@@ -154,7 +154,7 @@ def _smoothed_current(record: ProfileRecord, tracks: Tracks, errors: CurrentErro
     )
 
 
-def _segments(segments: Sequence[Segment]) -> Row:
+def _segments(segments: Sequence[DriftSegment]) -> Row:
     return {
         "north": [segment.velocity[0] for segment in segments],
         "east": [segment.velocity[1] for segment in segments],

@@ -21,8 +21,8 @@ from gliderhpc.store_schema.schema import (
     PROFILE,
     STATUS,
     STUDIES,
+    ArchiveVariable,
     Group,
-    Variable,
     chunks,
     group_called,
     is_shared,
@@ -168,7 +168,7 @@ def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
 
 
 def variable_differences(
-    array: zarr.Array[Any], group: Group, variable: Variable, sizes: dict[str, int]
+    array: zarr.Array[Any], group: Group, variable: ArchiveVariable, sizes: dict[str, int]
 ) -> Iterator[str]:
     """Yield the differences between an array's metadata and its variable in the schema, given the dimensions' sizes."""
     dims = tuple(getattr(array.metadata, "dimension_names", None) or ())
@@ -194,7 +194,7 @@ def variable_differences(
     yield from _attribute_differences(dict(array.attrs), variable.all_attributes())
 
 
-def _chunks_fit(array: zarr.Array[Any], group: Group, variable: Variable) -> bool:
+def _chunks_fit(array: zarr.Array[Any], group: Group, variable: ArchiveVariable) -> bool:
     """Return whether chunks have the schema's shape; rows that have grown continue in further chunks."""
     if variable.is_row:
         return array.chunks[0] == 1 and array.chunks[1:] <= array.shape[1:]

@@ -40,8 +40,8 @@ from gliderhpc.store_schema.schema import (
     MISSION,
     PROFILE,
     SCHEMA_NAME,
+    ArchiveVariable,
     Group,
-    Variable,
     chunks,
 )
 
@@ -223,7 +223,7 @@ def create_variables(node: zarr.Group, group: Group, numbers: NDArray[np.int64],
     )
 
 
-def coordinate_values(variable: Variable, numbers: NDArray[np.int64], size: int) -> NDArray[Any]:
+def coordinate_values(variable: ArchiveVariable, numbers: NDArray[np.int64], size: int) -> NDArray[Any]:
     """Return the values of a coordinate: the profiles' numbers, the schema's labels, or numbers from 0."""
     if variable.labels is not None:
         return np.array(variable.labels, dtype=np.dtypes.StringDType())
@@ -233,7 +233,7 @@ def coordinate_values(variable: Variable, numbers: NDArray[np.int64], size: int)
 def create_variable(
     node: zarr.Group,
     group: Group,
-    variable: Variable,
+    variable: ArchiveVariable,
     shape: tuple[int, ...],
     chunk_shape: tuple[int, ...] | None = None,
 ) -> zarr.Array[Any]:
@@ -242,7 +242,7 @@ def create_variable(
 
 
 def _form(
-    group: Group, variable: Variable, shape: tuple[int, ...], chunk_shape: tuple[int, ...] | None = None
+    group: Group, variable: ArchiveVariable, shape: tuple[int, ...], chunk_shape: tuple[int, ...] | None = None
 ) -> dict[str, Any]:
     """Return the arguments with which zarr creates a variable's array."""
     return {

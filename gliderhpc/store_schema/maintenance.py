@@ -29,8 +29,8 @@ from gliderhpc.store_schema.schema import (
     PROFILE,
     SCHEMA_NAME,
     STUDIES,
+    ArchiveVariable,
     Group,
-    Variable,
     chunks,
 )
 from gliderhpc.store_schema.study_groups import has_study, studies_in, table_damages, table_digests
@@ -122,7 +122,7 @@ def _grow_group(node: zarr.Group, group: Group, sizes: Mapping[str, int], profil
 def _replace(
     node: zarr.Group,
     group: Group,
-    variable: Variable,
+    variable: ArchiveVariable,
     array: zarr.Array[Any],
     shape: tuple[int, ...],
     profiles: Sequence[int],
@@ -192,7 +192,7 @@ class _Damaged:
     """A variable whose metadata differs from the schema, with the shapes of the array and of its chunks."""
 
     group: Group
-    variable: Variable
+    variable: ArchiveVariable
     shape: tuple[int, ...]
     chunks: tuple[int, ...]
 
@@ -245,17 +245,17 @@ class _Shapes:
         self._sizes = {dim: count.most_common(1)[0][0] for dim, count in sizes.items() if count}
         self._lengths = {dim: count.most_common(1)[0][0] for dim, count in lengths.items() if count}
 
-    def of(self, variable: Variable) -> tuple[int, ...]:
+    def of(self, variable: ArchiveVariable) -> tuple[int, ...]:
         return tuple(self._sizes[dim] for dim in variable.dims)
 
-    def chunks_of(self, group: Group, variable: Variable) -> tuple[int, ...]:
+    def chunks_of(self, group: Group, variable: ArchiveVariable) -> tuple[int, ...]:
         whole = chunks(group, variable, self.of(variable))
         if not variable.is_row:
             return whole
         return (1, *(self._lengths.get(dim, size) for dim, size in zip(variable.dims[1:], whole[1:], strict=True)))
 
 
-def _differs(array: zarr.Array[Any] | None, group: Group, variable: Variable, shapes: _Shapes) -> bool:
+def _differs(array: zarr.Array[Any] | None, group: Group, variable: ArchiveVariable, shapes: _Shapes) -> bool:
     if array is None or array.shape != shapes.of(variable) or array.chunks != shapes.chunks_of(group, variable):
         return True
     sizes = dict(zip(variable.dims, shapes.of(variable), strict=True))

@@ -28,12 +28,12 @@ from gliderhpc.store_schema.commits import (
 from gliderhpc.store_schema.create import coordinate_values
 from gliderhpc.store_schema.digests import Digests, RecordingStore
 from gliderhpc.store_schema.location import Location, group_at, store_at
-from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, Variable, group_called
+from gliderhpc.store_schema.schema import COMMITS, MISSION, PROFILE, ArchiveVariable, group_called
 
 MARKER, MANIFEST = f"{COMMITS}/marker", f"{COMMITS}/manifest"
 
 
-def encoded(variable: Variable, values: Any) -> Any:
+def encoded(variable: ArchiveVariable, values: Any) -> Any:
     """Convert times to seconds since 1970 (NaT to NaN); return other values unchanged."""
     if not (variable.is_time and np.asarray(values).dtype.kind == "M"):
         return values
@@ -42,7 +42,7 @@ def encoded(variable: Variable, values: Any) -> Any:
     return np.where(np.isnat(instants), np.nan, (instants - since) / np.timedelta64(1, "s"))
 
 
-def padded_row(variable: Variable, label: str, row: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+def padded_row(variable: ArchiveVariable, label: str, row: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Check a row against its variable and pad it with the fill value to its shape."""
     values = np.asarray(encoded(variable, row))
     if values.ndim != len(shape) or any(size > length for size, length in zip(values.shape, shape, strict=True)):
@@ -309,7 +309,7 @@ def write_whole(location: Location, group: str, values: Mapping[str, ArrayLike])
         array[...] = new.astype(np.dtypes.StringDType() if variable.dtype == "string" else variable.dtype)
 
 
-def _fill_column(column: NDArray[Any], variable: Variable, name: str, rows: Rows) -> None:
+def _fill_column(column: NDArray[Any], variable: ArchiveVariable, name: str, rows: Rows) -> None:
     for index, row in rows.items():
         check_position(index, len(column))
         if name in row:

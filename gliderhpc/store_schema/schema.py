@@ -52,7 +52,7 @@ Dtype = Literal["float32", "float64", "int64", "int32", "int8", "uint8", "string
 
 
 @dataclass(frozen=True)
-class Variable:
+class ArchiveVariable:
     """Definition of one array of the archive.
 
     Parameters
@@ -140,9 +140,9 @@ class Group:
 
     name: str
     title: str
-    variables: tuple[Variable, ...]
+    variables: tuple[ArchiveVariable, ...]
 
-    def __getitem__(self, name: str) -> Variable:
+    def __getitem__(self, name: str) -> ArchiveVariable:
         """Return the variable called `name`."""
         for variable in self.variables:
             if variable.name == name:
@@ -219,7 +219,7 @@ _LABELS = {
 
 def _read_schema(file: str) -> Schema:
     """Read the groups of the schema from a text table."""
-    groups: list[tuple[str, str, list[Variable]]] = []
+    groups: list[tuple[str, str, list[ArchiveVariable]]] = []
     for line in (resources.files(__package__) / file).read_text("utf-8").splitlines():
         if line.startswith("["):
             name, _, title = line.removeprefix("[").partition("] ")
@@ -229,14 +229,14 @@ def _read_schema(file: str) -> Schema:
     return Schema(SCHEMA_VERSION, tuple(Group(name, title, tuple(variables)) for name, title, variables in groups))
 
 
-def _read_variable(line: str) -> Variable:
+def _read_variable(line: str) -> ArchiveVariable:
     """Read a line of a table: name, dimensions, type, unit, long name, and optionally CF standard name and options."""
     cells = [cell.strip() for cell in line.split("|")]
     name, dims, dtype, units, long_name, standard_name, options = (*cells, "", "")[:7]
     attributes = dict(option.partition("=")[::2] for option in options.split("; ") if option)
     missing, fill = attributes.pop("missing", None), attributes.pop("fill", None)
     whole, flags, labels = (attributes.pop(option, None) for option in ("whole", "flags", "labels"))
-    return Variable(
+    return ArchiveVariable(
         name,
         tuple(dims.split()),
         cast("Dtype", dtype),
@@ -331,7 +331,7 @@ CHUNK_KEYS: dict[str, Any] = {"name": "default", "separator": "."}
 """Chunk keys with a dot: all chunks of a variable are files in its folder; with a slash, there would be subfolders."""
 
 
-def chunks(group: Group, variable: Variable, shape: tuple[int, ...]) -> tuple[int, ...]:
+def chunks(group: Group, variable: ArchiveVariable, shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return the chunk shape of a variable: one profile for rows and commits, else the whole array."""
     if variable.dims == (variable.name,) or variable.whole:
         return shape
@@ -371,7 +371,7 @@ def _group_lines(group: Group) -> Iterator[str]:
     yield ""
 
 
-def _cells(group: Group, variable: Variable) -> tuple[str, ...]:
+def _cells(group: Group, variable: ArchiveVariable) -> tuple[str, ...]:
     names = [variable.standard_name or ""]
     if variable.attributes and "og1_name" in variable.attributes:
         names.append(f"OG1 {variable.attributes['og1_name']}")
@@ -388,7 +388,7 @@ def _cells(group: Group, variable: Variable) -> tuple[str, ...]:
     )
 
 
-def _chunk(group: Group, variable: Variable) -> str:
+def _chunk(group: Group, variable: ArchiveVariable) -> str:
     if variable.is_row or (group.name == COMMITS and variable.name != PROFILE):
         return "one profile"
     return "all"

@@ -20,7 +20,7 @@ from gliderhpc.estimation.smoother.information import (
 )
 from gliderhpc.estimation.smoother.posterior import with_record_errors
 from gliderhpc.flight.hull_parameters import with_values
-from gliderhpc.kernels.sensitivity_memory import Information
+from gliderhpc.kernels.sensitivity_memory import ErrorInformation
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.format import VELOCITY, VELOCITY_STD
 from gliderhpc.platform import read_platform
@@ -162,7 +162,7 @@ def test_information_on_the_hull_alone_is_that_with_the_other_errors_integrated_
     rng = np.random.default_rng(3)
     root = rng.standard_normal((9, 6))
     matrix, score = root.T @ root, rng.standard_normal(6)
-    own, information = marginal_information(Information(np.tril(matrix), score, np.zeros(0)), 4)
+    own, information = marginal_information(ErrorInformation(np.tril(matrix), score, np.zeros(0)), 4)
     whole = np.linalg.inv(matrix + np.eye(6))
     np.testing.assert_allclose(np.linalg.inv(information + np.eye(4)), whole[:4, :4], rtol=1e-12)
     np.testing.assert_allclose(np.linalg.solve(information + np.eye(4), own), (whole @ score)[:4], rtol=1e-12)
@@ -196,7 +196,7 @@ def _joint(seed):
     """Information, score and sensitivities of three errors of the hull and three others, and the hull's covariance."""
     rng = np.random.default_rng(seed)
     root, spread = rng.standard_normal((12, 6)), rng.standard_normal((3, 3))
-    found = Information(np.tril(root.T @ root), rng.standard_normal(6), np.zeros(0))
+    found = ErrorInformation(np.tril(root.T @ root), rng.standard_normal(6), np.zeros(0))
     return found, _sensitivity(rng, 6), spread @ spread.T
 
 
@@ -232,7 +232,7 @@ def test_invalid_information_leaves_the_errors_of_the_sensor_unchanged(corrupted
     matrix = np.eye(6)
     matrix[5, 5] = corrupted
     V = _sensitivity(np.random.default_rng(7), 6)
-    by_hull, errors = split_sensitivity(V, Information(np.tril(matrix), np.ones(6), np.zeros(0)), np.eye(3))
+    by_hull, errors = split_sensitivity(V, ErrorInformation(np.tril(matrix), np.ones(6), np.zeros(0)), np.eye(3))
     np.testing.assert_array_equal(errors.mean, 0.0)
     np.testing.assert_array_equal(errors.covariance, np.eye(3))
     np.testing.assert_array_equal(by_hull.displacement, V.displacement[:, :3])

@@ -12,7 +12,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother import information, iterate
 from gliderhpc.estimation.smoother.information import smoothed_hull_information
 from gliderhpc.estimation.smoother.iterate import run_smoother
-from gliderhpc.estimation.smoother.problem import Gusts, Trajectory, starting_trajectory
+from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import find_gusts, information_path
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
@@ -143,7 +143,13 @@ def test_gusts_and_shear_are_not_taken_for_another_hull(monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("calm", None), ("impulses", None), ("paper", Gusts(False)), ("harsh", Gusts(False)), ("demo", Gusts(True))],
+    [
+        ("calm", None),
+        ("impulses", None),
+        ("paper", RollingGusts(False)),
+        ("harsh", RollingGusts(False)),
+        ("demo", RollingGusts(True)),
+    ],
 )
 @pytest.mark.parametrize("seed", [1, 3])
 def test_gusts_impulses_and_both_together_are_distinguished(name, expected, seed):
@@ -187,7 +193,7 @@ def test_roll_in_gusts_does_not_bias_the_smoothed_speed(name, seeds, monkeypatch
         return np.sqrt(np.mean(squares))
 
     found = error()
-    monkeypatch.setattr(iterate, "find_gusts", lambda *_: Gusts(False) if name == "demo" else None)
+    monkeypatch.setattr(iterate, "find_gusts", lambda *_: RollingGusts(False) if name == "demo" else None)
     assert found < 0.006
     assert found < 0.5 * error()
 

@@ -31,7 +31,7 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.store_schema.codecs import check_text_count
 from gliderhpc.store_schema.commits import writable_arrays, write_values
-from gliderhpc.store_schema.schema import Group, Variable, check_manifests, schema_page
+from gliderhpc.store_schema.schema import ArchiveVariable, Group, check_manifests, schema_page
 from gliderhpc.vocabulary import CHANNELS
 
 PROFILES = [18, 19, 20, 68]
@@ -493,8 +493,8 @@ def test_opening_an_archive_registers_its_codecs():
 
 
 def test_a_study_with_rows_needs_a_manifest():
-    rows = Variable("by_depth", ("profile", "bin"), "float64", "N m", "yaw moment by depth")
-    manifest = Variable("manifest", ("profile",), "string", "1", "digests")
+    rows = ArchiveVariable("by_depth", ("profile", "bin"), "float64", "N m", "yaw moment by depth")
+    manifest = ArchiveVariable("manifest", ("profile",), "string", "1", "digests")
     check_manifests([Group("calmness", "calm profiles", (rows, manifest))])
     with pytest.raises(ValueError, match=r"\[calmness\]: by_depth has a row for each profile, so .* 'manifest \| prof"):
         check_manifests([Group("calmness", "calm profiles", (rows,))])

@@ -39,8 +39,8 @@ from gliderhpc.kernels import sensitivity as kernel
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.sensitivity_memory import (
     Assumptions,
+    ErrorInformation,
     Forcing,
-    Information,
     SmoothedSensitivity,
     allocate_information,
     allocate_scratch,
@@ -278,7 +278,7 @@ def _information_and_sensitivity(
     sample_errors: Sequence[Array],
     smoothed: Trajectory,
     rows: Rows,
-) -> tuple[tuple[Information, ...], Sensitivity]:
+) -> tuple[tuple[ErrorInformation, ...], Sensitivity]:
     """Return the information under each assumption of the noise, and the sensitivity of the estimate at some rows.
 
     They concern the errors of the hull and then those of the samples, whose derivatives are `sample_errors`.
@@ -312,12 +312,12 @@ def _velocity_offsets(problem: SmootherProblem, deviation: float) -> Array:
     return velocity_offsets(samples, deviation) if channels > len(MEASURED) else np.zeros((samples, channels, 0))
 
 
-def _first(informations: Sequence[Information], count: int) -> tuple[Information, ...]:
+def _first(informations: Sequence[ErrorInformation], count: int) -> tuple[ErrorInformation, ...]:
     """Return the information on the first errors alone."""
     return tuple(each._replace(matrix=each.matrix[:count, :count], score=each.score[:count]) for each in informations)
 
 
-def _has_motion(information: Information, hull_covariance: Array, others: int, log_odds: float) -> bool:
+def _has_motion(information: ErrorInformation, hull_covariance: Array, others: int, log_odds: float) -> bool:
     """Return whether vertical motion, whose errors follow the `others`, is probable (`is_probable`)."""
     score, matrix = information.score, symmetric(information.matrix)
     if len(score) == others or not _is_sound(score, matrix):
@@ -327,7 +327,7 @@ def _has_motion(information: Information, hull_covariance: Array, others: int, l
     return is_probable(score, matrix, prior_covariance, log_odds)
 
 
-def marginal_information(information: Information, parameters: int) -> tuple[Array, Array]:
+def marginal_information(information: ErrorInformation, parameters: int) -> tuple[Array, Array]:
     """Score and information on the first parameters, marginalised over the errors after them, with unit deviations."""
     score, matrix, first = information.score, symmetric(information.matrix), slice(parameters)
     if len(score) == parameters:
@@ -349,13 +349,13 @@ def _at_records(smoothed: SmoothedSensitivity, with_step: NDArray[np.bool_]) -> 
 
 
 def split_sensitivity(
-    sensitivity: Sensitivity, information: Information, hull_covariance: Array
+    sensitivity: Sensitivity, information: ErrorInformation, hull_covariance: Array
 ) -> tuple[Sensitivity, RecordErrors]:
     """Separate the errors of the record from those of the hull.
 
     Parameters
     ----------
-    sensitivity, information : Sensitivity, Information
+    sensitivity, information : Sensitivity, ErrorInformation
         Sensitivities to, and information on, the hull's ``p`` errors and the others after them, which have unit
         deviations.
     hull_covariance : (p, p)
@@ -440,7 +440,7 @@ def symmetric(lower: Array) -> Array:
 
 def sum_information(
     hull: Hull, assumed: Sequence[SmootherProblem], forcing: Forcing, trajectory: Trajectory, rows: Rows
-) -> tuple[Information, ...]:
+) -> tuple[ErrorInformation, ...]:
     """Information and score about a trajectory, from the forward sweep alone, under each assumption of the noise.
 
     Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
@@ -451,7 +451,7 @@ def sum_information(
 
 def sensitivity_sweeps(
     hull: Hull, problem: SmootherProblem, forcing: Forcing, trajectory: Trajectory, rows: Rows, requested: Rows
-) -> tuple[Information, SmoothedSensitivity]:
+) -> tuple[ErrorInformation, SmoothedSensitivity]:
     """Information and score about a trajectory, and sensitivities of the smoothed states at the ``requested`` rows.
 
     Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
@@ -467,7 +467,7 @@ def _sweep(
     trajectory: Trajectory,
     rows: Rows,
     requested: Rows,
-) -> tuple[tuple[Information, ...], SmoothedSensitivity]:
+) -> tuple[tuple[ErrorInformation, ...], SmoothedSensitivity]:
     """Sweep forwards under each assumption, and backwards under the first one if any rows are requested."""
     segments, parameters, requested = len(rows) - 1, len(forcing.start), np.asarray(requested, dtype=np.int64)
     information = allocate_information(len(assumed), segments, parameters)
@@ -483,7 +483,7 @@ def _sweep(
     # Without the columns that fill the parameters up to a multiple of eight.
     used = slice(parameters)
     informations = tuple(
-        Information(matrix[used, used], score[used], filtered)
+        ErrorInformation(matrix[used, used], score[used], filtered)
         for matrix, score, filtered in zip(*information, strict=True)
     )
     smoothed = SmoothedSensitivity(requested, out.states[..., used], out.track[..., used], out.displacement[:, used])

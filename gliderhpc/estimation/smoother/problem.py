@@ -75,7 +75,7 @@ class Trajectory:
     disturbances: Array
 
 
-class Gusts(NamedTuple):
+class RollingGusts(NamedTuple):
     """Gusts that roll the glider."""
 
     with_bursts: bool
@@ -84,7 +84,7 @@ class Gusts(NamedTuple):
 
 def pose_problem(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float = 1.0,
-    *, gusts: Gusts | None = None,
+    *, gusts: RollingGusts | None = None,
 ) -> tuple[SmootherProblem, NoiseScale]:  # fmt: skip
     """Pose the problem of one profile, and separate its noise into that of the prior and that of the actuators.
 
@@ -98,7 +98,7 @@ def pose_problem(
         Settings, of which ``step``, ``filter`` and ``smoother`` are used.
     noise_factor : (6,) array or float
         Factor on the variances of the prior's noise.
-    gusts : Gusts, optional
+    gusts : RollingGusts, optional
         Gusts that roll the glider (`gliderhpc.estimation.smoother.steered_run.find_gusts`).
 
     Notes
@@ -160,7 +160,7 @@ def _noise_scale(
     return NoiseScale(mission_factor * (factor[:, None] * added), actuators, reference_steps, channels)
 
 
-def unscaled_channels(gusts: Gusts | None) -> tuple[int, ...]:
+def unscaled_channels(gusts: RollingGusts | None) -> tuple[int, ...]:
     """Channels whose noise is not scaled to the profile (`pose_problem`)."""
     if gusts is None:
         return ()

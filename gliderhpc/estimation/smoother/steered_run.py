@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
-from gliderhpc.estimation.smoother.problem import Gusts, Trajectory
+from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
 
@@ -99,7 +99,7 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     return _trajectory(path, run, disturbances)
 
 
-def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
+def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts | None:
     """Return the gusts that roll the glider: its roll rate differs from the run's, typically more than its yaw rate.
 
     Parameters
@@ -109,7 +109,7 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
 
     Returns
     -------
-    Gusts or None
+    RollingGusts or None
         None for slow records, which do not resolve this motion. Samples near the surface and in the vibration set do
         not count.
 
@@ -129,7 +129,7 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> Gusts | None:
     roll, _, yaw = np.sqrt(np.median(stretches, axis=0))
     if not (roll > _MIN_ROLL_DIFFERENCE and roll > yaw):
         return None
-    return Gusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _MIN_BURST_RATIO * yaw))
+    return RollingGusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _MIN_BURST_RATIO * yaw))
 
 
 def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ Parts = tuple[int, ...] | tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Water:
+class CtdSamples:
     """CTD samples on the rows of a mission.
 
     Attributes
@@ -48,9 +48,9 @@ class Water:
     remarks: tuple[str, ...] = ()
 
 
-def _no_water(time: TimeArray, depth: FloatArray, interval: float) -> Water:
+def _no_samples(time: TimeArray, depth: FloatArray, interval: float) -> CtdSamples:
     """Return no samples: there is no CTD, or the flight records already contain its samples."""
-    return Water({}, "")
+    return CtdSamples({}, "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class MissionRecords:
     dropped_attribute: str = "rows_dropped"
     remarks: tuple[str, ...] = ()
     clock_steps: Sequence[ClockStep] = ()
-    water: Callable[[TimeArray, FloatArray, float], Water] = _no_water
+    water: Callable[[TimeArray, FloatArray, float], CtdSamples] = _no_samples
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ def median_interval(time: TimeArray, spans: Sequence[Span]) -> float:
 
 
 def _attributes(
-    mission: MissionRecords, water: Water, without: Mapping[str, str], rejected: Mapping[str, str]
+    mission: MissionRecords, water: CtdSamples, without: Mapping[str, str], rejected: Mapping[str, str]
 ) -> dict[str, Attribute]:
     """Return the global attributes of the observation file."""
     left_out: dict[str, Mapping[str, str] | Mapping[str, int]] = {

@@ -29,7 +29,7 @@ from gliderhpc.observations.importing.rows import Columns, Rows
 from gliderhpc.observations.importing.workflow import ImportSummary, MissionRecords, describe_reasons, import_mission
 from gliderhpc.observations.instruments.seaexplorer_ctd import read_water
 from gliderhpc.observations.instruments.seaexplorer_files import (
-    MissionFiles,
+    SeaExplorerFiles,
     find_files,
     is_seaexplorer_file,
     read_rows,
@@ -158,7 +158,7 @@ def _read_mission(
     )
 
 
-def _check_depth_sign(files: MissionFiles, source: Path, reads: Reads) -> None:
+def _check_depth_sign(files: SeaExplorerFiles, source: Path, reads: Reads) -> None:
     """Refuse depths that are negative under water; read again, since their rows are dropped as out of range.
 
     Raises

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from gliderhpc.errors import InputError
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.importing.rows import Rows, onto_nearest
-from gliderhpc.observations.importing.workflow import Water
-from gliderhpc.observations.instruments.seaexplorer_files import MissionFiles, read_columns, read_rows
+from gliderhpc.observations.importing.workflow import CtdSamples
+from gliderhpc.observations.instruments.seaexplorer_files import SeaExplorerFiles, read_columns, read_rows
 from gliderhpc.observations.records import FloatArray, TimeArray
 
 CLOCK = "PLD_REALTIMECLOCK"
@@ -90,13 +90,13 @@ def find_ctds(fields: Iterable[str]) -> dict[str, dict[str, str]]:
 
 
 def read_water(
-    files: MissionFiles,
+    files: SeaExplorerFiles,
     dropped: Counter[str],
     time: TimeArray,
     depth: FloatArray,
     interval: float,
     reads: Reads = read_directly,
-) -> Water:
+) -> CtdSamples:
     """Read the mission's CTD and put its samples on the navigation rows; the remarks name the cycles without CTD data.
 
     If there are several CTDs, the one with the most samples is used. Of the full and the sub-sampled record, the one
@@ -104,7 +104,7 @@ def read_water(
 
     Parameters
     ----------
-    files : MissionFiles
+    files : SeaExplorerFiles
         The mission's files.
     dropped : Counter
         Counter to which the number of dropped payload rows is added, by reason.
@@ -123,7 +123,7 @@ def read_water(
         )
     sensors = sorted(casts, key=lambda sensor: -sum(_sample_count(cast) for cast in casts[sensor]))
     if not sensors:
-        return Water({}, "none", _remarks(files, (), faults))
+        return CtdSamples({}, "none", _remarks(files, (), faults))
     sensor, others = sensors[0], sensors[1:]
     chosen = sorted(casts[sensor], key=_sample_count, reverse=True)
     unit, basis = conductivity_unit(sensor, *_joined(chosen))
@@ -133,7 +133,7 @@ def read_water(
         remarks.append(f"CTD {sensor or 'without a name'} is used; it has more samples than {', '.join(others)}")
     if unit is None and any(np.isfinite(cast.conductivity).any() for cast in chosen):
         remarks.append(f"CTD {sensor}: its conductivity gives no plausible salinity, neither in S/m nor in mS/cm")
-    return Water(dict(variables), _comment(sensor, unit, basis), tuple(remarks))
+    return CtdSamples(dict(variables), _comment(sensor, unit, basis), tuple(remarks))
 
 
 def conductivity_unit(
@@ -208,7 +208,7 @@ Layout = tuple[str, tuple[tuple[str, str], ...]]
 """A CTD and its columns."""
 
 
-def _layouts(files: MissionFiles, reads: Reads) -> tuple[dict[Layout, list[dict[int, Path]]], dict[int, list[str]]]:
+def _layouts(files: SeaExplorerFiles, reads: Reads) -> tuple[dict[Layout, list[dict[int, Path]]], dict[int, list[str]]]:
     """Payload files by layout (a list of the preferred files and of the others, by cycle), and faults by cycle."""
     layouts: dict[Layout, list[dict[int, Path]]] = {}
     faults: dict[int, list[str]] = {}
@@ -317,7 +317,7 @@ def _comment(sensor: str, unit: str | None, basis: str) -> str:
     )
 
 
-def _remarks(files: MissionFiles, sampled: Iterable[int], faults: Mapping[int, list[str]]) -> tuple[str, ...]:
+def _remarks(files: SeaExplorerFiles, sampled: Iterable[int], faults: Mapping[int, list[str]]) -> tuple[str, ...]:
     """Remarks on faulty payload files, and on the cycles without CTD data by reason."""
     there = set(sampled)
     without = {cycle: _reason(files, cycle) for cycle in files.navigation if cycle not in there}
@@ -326,7 +326,7 @@ def _remarks(files: MissionFiles, sampled: Iterable[int], faults: Mapping[int, l
     return (*spoilt, *(f"{_name_cycles(cycles)}: {reason}, so no CTD data" for reason, cycles in grouped.items()))
 
 
-def _reason(files: MissionFiles, cycle: int) -> str:
+def _reason(files: SeaExplorerFiles, cycle: int) -> str:
     return "no sample of a CTD in the payload file" if cycle in files.payload else "no payload file"
 
 

@@ -45,7 +45,7 @@ PREFERENCE = {"gli": ("sub", "raw"), "pld1": ("raw", "sub")}
 
 
 @dataclass(frozen=True)
-class MissionFiles:
+class SeaExplorerFiles:
     """The files of one glider's mission.
 
     Attributes
@@ -71,7 +71,7 @@ def is_seaexplorer_file(path: Path) -> bool:
     return _NAME.fullmatch(path.name) is not None
 
 
-def find_files(sources: Sequence[Path]) -> MissionFiles:
+def find_files(sources: Sequence[Path]) -> SeaExplorerFiles:
     """Collect the files of a mission.
 
     Parameters
@@ -111,7 +111,7 @@ def find_files(sources: Sequence[Path]) -> MissionFiles:
         first, second = list(owners.values())[:2]
         raise InputError(f"{second}: belongs to another mission than {first}; import one mission at a time")
     (vehicle, mission), _ = owners.popitem()
-    return MissionFiles(vehicle, mission, navigation, _by_cycle(found, "pld1"))
+    return SeaExplorerFiles(vehicle, mission, navigation, _by_cycle(found, "pld1"))
 
 
 def read_content(path: Path) -> bytes:

@@ -21,9 +21,9 @@ from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, SAME_SURFACING, Fixes, drop_outliers
 from gliderhpc.observations.importing.rows import Columns, Rows, onto_nearest
 from gliderhpc.observations.importing.workflow import (
+    CtdSamples,
     ImportSummary,
     MissionRecords,
-    Water,
     describe_reasons,
     import_mission,
 )
@@ -236,7 +236,7 @@ def _fixes_by_one_clock(mission: Mission) -> Fixes:
     return fixes
 
 
-def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float) -> Water:
+def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float) -> CtdSamples:
     """Put CTD samples on the nearest flight record within half a sampling interval."""
     variables: Columns = {}
     if len(rows) and np.isfinite(interval):
@@ -258,7 +258,7 @@ def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float)
         if "practical_salinity" in variables
         else "no usable conductivity, so no salinity"
     )
-    return Water(variables, f"on the nearest flight record within half a sampling interval; {salinity}")
+    return CtdSamples(variables, f"on the nearest flight record within half a sampling interval; {salinity}")
 
 
 def _without_air(conductivity: FloatArray) -> FloatArray:

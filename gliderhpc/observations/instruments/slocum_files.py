@@ -150,7 +150,7 @@ _DECODED = "nc"
 
 
 @dataclass(frozen=True)
-class MissionFiles:
+class SlocumFiles:
     """The files of one glider's mission.
 
     Attributes
@@ -176,7 +176,7 @@ def is_compressed(path: Path) -> bool:
     return is_binary(path) and _ending(path)[1] == "c"
 
 
-def find_files(sources: Sequence[Path], out: Path) -> MissionFiles:
+def find_files(sources: Sequence[Path], out: Path) -> SlocumFiles:
     """Collect the files of a mission.
 
     Parameters
@@ -200,7 +200,7 @@ def find_files(sources: Sequence[Path], out: Path) -> MissionFiles:
             f"{', '.join(map(str, sources))}: no flight record found (*.dbd, *.sbd, their compressed forms, or "
             "netCDF); give the folder that contains them"
         )
-    return MissionFiles(flight, science, decoded)
+    return SlocumFiles(flight, science, decoded)
 
 
 def _ending(path: Path) -> str:

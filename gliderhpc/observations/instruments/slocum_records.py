@@ -35,8 +35,8 @@ from gliderhpc.observations.instruments.slocum_files import (
     FLIGHT_SENSORS,
     SCIENCE_CLOCK,
     SCIENCE_SENSORS,
-    MissionFiles,
     Sensor,
+    SlocumFiles,
     read_decoded,
 )
 from gliderhpc.observations.records import FloatArray
@@ -113,12 +113,12 @@ class _Collected:
     cut_short: list[Path] = field(default_factory=list)
 
 
-def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Mission:
+def read_mission(files: SlocumFiles, cache: Path | None, reads: Reads) -> Mission:
     """Read all files of a mission.
 
     Parameters
     ----------
-    files : MissionFiles
+    files : SlocumFiles
         Paths of the files.
     cache : Path or None
         Folder of the cache files of the binary files.
@@ -156,7 +156,7 @@ def read_mission(files: MissionFiles, cache: Path | None, reads: Reads) -> Missi
     )
 
 
-def _read_binary(files: MissionFiles, cache: Path | None, reads: Reads, collected: _Collected) -> None:
+def _read_binary(files: SlocumFiles, cache: Path | None, reads: Reads, collected: _Collected) -> None:
     with (
         tempfile.TemporaryDirectory(prefix="gliderhpc-slocum-") as folder,
         closing(BinaryReader(Path(folder), cache)) as reader,
