@@ -25,7 +25,7 @@ from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.simulator.scenario import load_scenario
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, solve_mission
+from gliderhpc.tuning.mission_hull import HullPrior, ProfileTerm, solve_mission
 from gliderhpc.twins.cases import course_of, drawn_from, with_white_errors, world
 
 DEPTH, DIVES = 150.0, 8
@@ -83,7 +83,7 @@ def smooth_record(record: ProfileRecord, hull: Platform, settings: EstimationSet
     return SmoothedRecord(profile, smoothed, information)
 
 
-def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> DiveTerm | None:
+def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> ProfileTerm | None:
     """Fly and smooth one dive; None where the scenario's disturbances do not let this hull surface."""
     try:
         record, _ = simulate_profile(hull, scenario, seed, number=course_of(seed))
@@ -94,10 +94,10 @@ def fly_dive(hull: Platform, scenario: Scenario, seed: int) -> DiveTerm | None:
         return None
     found = own.information
     time = np.datetime64("2024-01-01T00:00:00", "ns") + np.timedelta64(6 * seed, "h")
-    return DiveTerm(seed, time, np.zeros(len(found.score)), found.score, found.information, found.others)
+    return ProfileTerm(seed, time, np.zeros(len(found.score)), found.score, found.information, found.others)
 
 
-def combine_dives(hull: Platform, dives: list[DiveTerm]) -> Values:
+def combine_terms(hull: Platform, dives: list[ProfileTerm]) -> Values:
     """Sum up dives of a hull that stays; its true errors are zero."""
     parameters = hull_parameters(hull)
     found = solve_mission(dives, HullPrior.plausible(np.zeros(len(parameters)))).smoothed[-1]
@@ -110,7 +110,7 @@ def table(hull: Platform) -> str:
     for name, scenario in scenarios(hull).items():
         dives = [dive for seed in range(1, DIVES + 1) if (dive := fly_dive(hull, scenario, seed)) is not None]
         for way, terms in (("one", [replace(dive, others=()) for dive in dives]), ("all", dives)):
-            values = combine_dives(hull, terms)
+            values = combine_terms(hull, terms)
             rows.append([
                 name, str(values.dives), way, f"{np.sqrt(np.mean(values.errors**2)):.2f}",
                 f"{np.mean(np.abs(values.errors) > 2.0):.2f}", values.largest, f"{np.median(values.left):.2f}",

@@ -33,7 +33,7 @@ from gliderhpc.platform import Platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.simulator.mission import simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
-from gliderhpc.studies.hull import HullSettings, agreeing_dives, combine_dives, read_dives
+from gliderhpc.studies.hull import HullSettings, agreeing_terms, combine_terms, read_terms
 
 Array = NDArray[np.float64]
 
@@ -122,9 +122,9 @@ def mission_row(name: str, seed: int, dives: int, deviation: float | None, folde
     settings = MissionSettings.model_validate({"smoother": {"vertical_motion": deviation}})
     gh.run_mission(records, platform, store, settings=settings, overwrite=store.exists())
     with open_for_reading(store) as archive:
-        mission = read_dives(archive, done_profiles(archive))
-        mission, check = agreeing_dives(archive, mission, robust=True)
-        found, _ = combine_dives(mission, HullSettings())
+        mission = read_terms(archive, done_profiles(archive))
+        mission, check = agreeing_terms(archive, mission, robust=True)
+        found, _ = combine_terms(mission, HullSettings())
     place = [p.key for p in mission.parameters].index(DRAG)
     drag = mission.parameters[place]
     values = []

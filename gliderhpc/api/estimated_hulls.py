@@ -10,7 +10,7 @@ import pandas as pd
 
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
-from gliderhpc.mission.dive_calibration import DiveCalibration
+from gliderhpc.mission.profile_calibration import ProfileCalibration
 from gliderhpc.output_files import check_output, output_file, write_text
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.report import calibration as calibration_report
@@ -198,11 +198,11 @@ class HullFromDives(CalibratedHull):
 
     Attributes
     ----------
-    dives : DiveCalibration
+    dives : ProfileCalibration
         Calibration on the dives.
     """
 
-    dives: DiveCalibration
+    dives: ProfileCalibration
 
     @property
     def table(self) -> pd.DataFrame:

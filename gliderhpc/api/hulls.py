@@ -20,11 +20,11 @@ from gliderhpc.api.estimated_hulls import CalibratedHull, HullFromDives, HullFro
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
-from gliderhpc.mission.dive_calibration import (
-    DiveCalibrationInputs,
+from gliderhpc.mission.profile_calibration import (
     OpenExecutor,
+    ProfileCalibrationInputs,
     Progress,
-    calibrate_on_dives,
+    calibrate_on_profiles,
     no_progress,
 )
 from gliderhpc.observations import Observations
@@ -184,8 +184,10 @@ def _calibrated(
             with threadpool_limits(limits=1):
                 base, start = _before_rounds(platform, segments, settings)
         if rounds > 0:
-            dives = calibrate_on_dives(
-                DiveCalibrationInputs(inputs.observations, platform, base, start, segments, held_out, settings, rounds),
+            dives = calibrate_on_profiles(
+                ProfileCalibrationInputs(
+                    inputs.observations, platform, base, start, segments, held_out, settings, rounds
+                ),
                 executor,
                 progress,
             )

@@ -38,9 +38,9 @@ from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.calibration import CalibrateSettings
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, predicted_disagreement, solve_mission
+from gliderhpc.tuning.mission_hull import HullPrior, MissionHull, ProfileTerm, predicted_disagreement, solve_mission
 from gliderhpc.tuning.rounds import inflation_ratios, with_inflated_variance
-from gliderhpc.tuning.turn_test import DiveCurrent
+from gliderhpc.tuning.turn_test import ProfileCurrent
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -99,7 +99,7 @@ class SmoothedProfile:
         Score and information, in plausible deviations of the hull used for the smoothing; None if there is no estimate.
     noise : (2, 6), optional
         Sums of the squared smoothed noise divided by the job's variances, and of the resolved values.
-    current : DiveCurrent, optional
+    current : ProfileCurrent, optional
         Depth-averaged current, if there are fixes.
     message : str
         Reason why there is no information.
@@ -110,7 +110,7 @@ class SmoothedProfile:
     score: Array | None = None
     information: Array | None = None
     noise: Array | None = None
-    current: DiveCurrent | None = None
+    current: ProfileCurrent | None = None
     message: str = ""
 
 
@@ -157,12 +157,12 @@ def _noise(smoothed: SmoothedEstimate, last: LastPass, steady: NDArray[np.bool_]
 
 def _current(
     record: ProfileRecord, series: ProfileSeries, displacement: tuple[Array, Array], sensitivity: Array
-) -> DiveCurrent | None:
+) -> ProfileCurrent | None:
     """Return the current with its sensitivity (2, p) to the hull's errors; None unless both sides have a fix."""
     current = current_from_displacement(record, series.time, *displacement, _NO_OTHER_ERRORS)
     if current is None:
         return None
-    return DiveCurrent(current.velocity, sensitivity / current.drift.elapsed, current.covariance)
+    return ProfileCurrent(current.velocity, sensitivity / current.drift.elapsed, current.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ class HullRounds:
 class _Round(NamedTuple):
     """Results of a round: terms of the profiles by number, their sum, and the ratios by which they were inflated."""
 
-    terms: dict[int, DiveTerm]
+    terms: dict[int, ProfileTerm]
     mission: MissionHull
     ratios: Array
 
@@ -359,7 +359,7 @@ class CalibrationRounds:
         mission = solve_mission(fitted, self._prior, robust=settings.rounds.robust, turn_test=settings.turn_test)
         return _Round(terms, mission, ratios)
 
-    def _term(self, profile: SmoothedProfile, platform: Platform, eta: Array, ratios: Array) -> DiveTerm:
+    def _term(self, profile: SmoothedProfile, platform: Platform, eta: Array, ratios: Array) -> ProfileTerm:
         """Convert a profile's result from plausible deviations of the hull used for the smoothing to those of the base.
 
         All information is reduced by the errors that the profiles have in common.
@@ -375,7 +375,7 @@ class CalibrationRounds:
         score, information = with_inflated_variance(
             profile.score / ratio, profile.information / np.outer(ratio, ratio), ratios
         )
-        return DiveTerm(profile.number, profile.time, eta, score, information, current=current)
+        return ProfileTerm(profile.number, profile.time, eta, score, information, current=current)
 
     def _compare_held_out(self, results: _Round) -> tuple[tuple[int, float, int], ...]:
         """Return number, chi-square relative to the sum (times the divisor) and freedom of each profile held out."""

@@ -124,14 +124,14 @@ def notes(rounds: HullRounds) -> list[str]:
 
 
 def warnings(rounds: HullRounds, tolerance: float) -> list[str]:
-    """Return a warning if the rounds ended before the hull that fits the dives best was reached."""
+    """Return a warning if the rounds ended before the hull that fits the profiles best was reached."""
     ahead = float(np.abs(rounds.full_step).max())
     if rounds.moves[-1] >= tolerance:
         return ["the hull still moved in the last round; allow more rounds with `rounds.most`"]
     if ahead >= tolerance:
         return [
-            f"the rounds ended {ahead:.1f} plausible deviations from the hull that fits the dives best, which has no "
-            "stable glide; start from another platform"
+            f"the rounds ended {ahead:.1f} plausible deviations from the hull that fits the profiles best, which has "
+            "no stable glide; start from another platform"
         ]
     return []
 

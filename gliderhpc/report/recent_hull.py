@@ -11,13 +11,13 @@ from gliderhpc.platform import Platform
 from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.studies.hull import (
     HullSettings,
-    MissionDives,
-    agreeing_dives,
+    MissionTerms,
+    agreeing_terms,
     change_in_units,
-    combine_dives,
-    read_dives,
+    combine_terms,
+    read_terms,
 )
-from gliderhpc.tuning.hull_changes import HullChange as FoundChange
+from gliderhpc.tuning.hull_changes import ErrorChange
 from gliderhpc.tuning.mission_hull import MissionHull
 
 IMPLAUSIBLE = 3.0
@@ -38,31 +38,31 @@ class RecentHull:
 
     Attributes
     ----------
-    mission : MissionDives
+    mission : MissionTerms
         The dives and their information.
     combined : MissionHull
         Sum of the information.
-    changes : dict of int to `gliderhpc.tuning.hull_changes.HullChange` or None
+    changes : dict of int to `gliderhpc.tuning.hull_changes.ErrorChange` or None
         Change of each parameter that may change, by its position.
     warning : str
         Warnings about the values: where the depth rate of the steady glides contradicts them, and where they are too
         far from the platform file; otherwise empty.
     """
 
-    mission: MissionDives
+    mission: MissionTerms
     combined: MissionHull
-    changes: dict[int, FoundChange | None]
+    changes: dict[int, ErrorChange | None]
     warning: str = ""
 
 
 def recent_hull(archive: Archive, number: int) -> RecentHull | None:
     """Combine the latest dives up to a profile; None if none of them has information on the hull."""
-    mission = read_dives(archive, [done for done in done_profiles(archive) if done <= number][-_DIVES:])
-    if not mission.dives:
+    mission = read_terms(archive, [done for done in done_profiles(archive) if done <= number][-_DIVES:])
+    if not mission.terms:
         return None
     settings = HullSettings()
-    mission, check = agreeing_dives(archive, mission, robust=settings.robust)
-    combined, changes = combine_dives(mission, settings)
+    mission, check = agreeing_terms(archive, mission, robust=settings.robust)
+    combined, changes = combine_terms(mission, settings)
     last = dict(zip((p.key for p in mission.parameters), combined.smoothed[-1].mean.tolist(), strict=True))
     warnings = ("" if check is None else check.warning, implausible_warning(last))
     return RecentHull(mission, combined, changes, "; ".join(filter(None, warnings)))
@@ -113,7 +113,7 @@ def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
                 change=total,
                 change_std=std,
                 since=int(values["onset"]),
-                dives=len(mission.dives),
+                dives=len(mission.terms),
                 above_20_percent=probability * probability_above(_FIFTH * abs(first), total, std),
             )
         )

@@ -1,9 +1,9 @@
-"""Study ``hull``: errors of the hull and the records dive by dive, and their changes during the mission.
+"""Study ``hull``: errors of the hull and the records profile by profile, and their changes during the mission.
 
-The archive's group ``hull`` has each dive's information on the errors, written by `run-mission` (docs/smoother.md). The
-sum over the mission, with a random walk for the errors that can change, gives the errors at every dive, both from all
-dives and from the dives up to that one. A step or a ramp that starts at some dive is compared with no change. The
-results are added to the same group.
+The archive's group ``hull`` has each profile's information on the errors, written by `run-mission` (docs/smoother.md).
+The sum over the mission, with a random walk for the errors that can change, gives the errors at every profile, both
+from all profiles and from the profiles up to that one. A step or a ramp that starts at some profile is compared with no
+change. The results are added to the same group.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,8 +30,8 @@ from gliderhpc.studies.library.depth_rate_check import DepthRateCheck, check_hul
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.hull_changes import PROBABLE, HullChange, find_changes
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, MissionHull, solve_mission
+from gliderhpc.tuning.hull_changes import PROBABLE, ErrorChange, find_changes
+from gliderhpc.tuning.mission_hull import HullPrior, MissionHull, ProfileTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 from gliderhpc.wording import counted
 
@@ -43,7 +43,7 @@ SUSPECT = "suspect"
 """Dimension of the parameters that may change during the mission."""
 
 STATEMENTS = ("score", "information", "score_other", "information_other")
-"""Variables with a dive's information on the hull."""
+"""Variables with a profile's information on the hull."""
 
 _SINGULAR = 1e-9
 """Number added to the prior's variances, because a calibration may state some as zero."""
@@ -60,10 +60,10 @@ MODEL_ERRORS = (
 
 
 class HullSettings(Settings):
-    """Settings of the sum over the dives."""
+    """Settings of the sum over the profiles."""
 
     robust: bool = Field(
-        True, description="whether scatter between the dives reduces their weight, and that of outliers further"
+        True, description="whether scatter between the profiles reduces their weight, and that of outliers further"
     )
     change: float = Field(
         1.0, gt=0, description="plausible size of a change during the mission, in the parameter's plausible deviations"
@@ -76,8 +76,8 @@ acts where the oil does, whose volume the parameter is."""
 
 
 @dataclass(frozen=True, eq=False)
-class MissionDives:
-    """Hull of an archive, the parameters that have an effect, and the dives' information on them.
+class MissionTerms:
+    """Hull of an archive, the parameters that have an effect, and the profiles' information on them.
 
     Attributes
     ----------
@@ -85,21 +85,21 @@ class MissionDives:
         Hull that the mission was estimated with.
     parameters : tuple of HullParameter
         Errors of the hull and the records.
-    dives : tuple of DiveTerm
-        Dives with information, in order of time.
+    terms : tuple of ProfileTerm
+        Terms of the profiles with information, in order of time.
     without : tuple of int
         Numbers of the profiles without information.
     labels : tuple of str
         Keys along the archive's dimension ``parameter``; an archive of an earlier version has fewer.
     divisor : float
-        Number by which the sum divides the information of every dive (`gliderhpc.studies.library.depth_rate_check`).
+        Number by which the sum divides the information of every profile (`gliderhpc.studies.library.depth_rate_check`).
     undivided : MissionHull, optional
         Sum of the undivided information, if it was computed to find the divisor.
     """
 
     platform: Platform
     parameters: tuple[HullParameter, ...]
-    dives: tuple[DiveTerm, ...]
+    terms: tuple[ProfileTerm, ...]
     without: tuple[int, ...]
     labels: tuple[str, ...] = HULL_PARAMETERS
     divisor: float = 1.0
@@ -107,7 +107,7 @@ class MissionDives:
 
     @property
     def prior(self) -> HullPrior:
-        """Prior from the platform file, before any dive."""
+        """Prior from the platform file, before any profile."""
         stated = stated_errors(self.platform, self.parameters)
         covariance = stated.covariance + _SINGULAR * np.eye(len(stated.mean))
         return HullPrior(Gaussian(stated.mean, covariance), np.array([p.walk(self.platform) for p in self.parameters]))
@@ -128,8 +128,8 @@ class MissionDives:
         }
 
 
-def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
-    """Read the hull information of an archive's dives."""
+def read_terms(archive: Archive, numbers: Sequence[int]) -> MissionTerms:
+    """Read the hull information of an archive's profiles."""
     platform = platform_of(archive)
     at = {PROFILE: list(numbers)}
     group = archive[NAME].to_dataset()[[*STATEMENTS]].sel(at).load()
@@ -145,45 +145,45 @@ def read_dives(archive: Archive, numbers: Sequence[int]) -> MissionDives:
         np.nan_to_num(group[name].values[known][..., positions]) for name in STATEMENTS
     )
     start = np.zeros(len(parameters))
-    dives = [
-        DiveTerm(number, time, start, score, matrix[positions], tuple(zip(others, other[:, positions], strict=True)))
+    terms = [
+        ProfileTerm(number, time, start, score, matrix[positions], tuple(zip(others, other[:, positions], strict=True)))
         for number, time, score, matrix, others, other in zip(
             np.array(numbers)[known].tolist(), times[known], scores, matrices, other_scores, other_matrices, strict=True
         )
     ]
-    dives = [dive for dive in dives if _is_sound(dive)]
-    without = tuple(sorted(set(numbers) - {dive.number for dive in dives}))
-    return MissionDives(platform, parameters, tuple(sorted(dives, key=lambda dive: dive.time)), without, labels)
+    terms = [term for term in terms if _is_sound(term)]
+    without = tuple(sorted(set(numbers) - {term.number for term in terms}))
+    return MissionTerms(platform, parameters, tuple(sorted(terms, key=lambda term: term.time)), without, labels)
 
 
-def _is_sound(dive: DiveTerm) -> bool:
-    return all(semidefinite(matrix) for matrix in (dive.information, *(matrix for _, matrix in dive.others)))
+def _is_sound(term: ProfileTerm) -> bool:
+    return all(semidefinite(matrix) for matrix in (term.information, *(matrix for _, matrix in term.others)))
 
 
-def agreeing_dives(
-    archive: Archive, mission: MissionDives, *, robust: bool
-) -> tuple[MissionDives, DepthRateCheck | None]:
-    """Compare the sum of the dives with the depth rate of their steady glides; state a divisor if the two differ.
+def agreeing_terms(
+    archive: Archive, mission: MissionTerms, *, robust: bool
+) -> tuple[MissionTerms, DepthRateCheck | None]:
+    """Compare the sum of the profiles with the depth rate of their steady glides; state a divisor if the two differ.
 
     Without enough steady glides there is no comparison, and the mission is returned as it is. Otherwise it contains the
     sum.
     """
-    glides = read_glides(archive, [dive.number for dive in mission.dives], mission.platform)
+    glides = read_glides(archive, [term.number for term in mission.terms], mission.platform)
     if glides is None:
         return mission, None
-    undivided = _sum_of_dives(mission, robust=robust)
-    check = check_hull(glides, mission.platform, mission.parameters, mission.dives, undivided, robust=robust)
+    undivided = _sum_of_terms(mission, robust=robust)
+    check = check_hull(glides, mission.platform, mission.parameters, mission.terms, undivided, robust=robust)
     return replace(mission, divisor=1.0 if check is None else check.divisor, undivided=undivided), check
 
 
-def _sum_of_dives(mission: MissionDives, *, robust: bool) -> MissionHull:
-    """Sum of the dives' undivided information."""
+def _sum_of_terms(mission: MissionTerms, *, robust: bool) -> MissionHull:
+    """Sum of the profiles' undivided information."""
     with threadpool_limits(limits=1):
-        return solve_mission(mission.dives, mission.prior, robust=robust)
+        return solve_mission(mission.terms, mission.prior, robust=robust)
 
 
 def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: HullSettings) -> Preparation:
-    """Read the dives; a quick study uses all of them too, since the sum is fast.
+    """Read the profiles; a quick study uses all of them too, since the sum is fast.
 
     Raises
     ------
@@ -191,14 +191,14 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: Hu
         No profile has information on the hull.
     """
     numbers = chosen_profiles(archive, request.profiles)
-    mission = read_dives(archive, numbers)
-    if not mission.dives:
+    mission = read_terms(archive, numbers)
+    if not mission.terms:
         raise InputError(
             f"{NAME}: none of the {counted(len(numbers), 'profile')} has information on the hull, because the smoother "
             "has no estimate of them, or its filter does not follow them; `gliderhpc info` shows the reasons"
         )
     stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
-    mission, check = agreeing_dives(archive, mission, robust=settings.robust)
+    mission, check = agreeing_terms(archive, mission, robust=settings.robust)
     return Preparation(
         inputs=mission,
         numbers=numbers,
@@ -209,15 +209,15 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: Hu
 
 
 def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
-    """Sum up the dives, and search for changes of the parameters that can change."""
-    mission: MissionDives = plan.prepared.inputs
+    """Sum up the profiles' information, and search for changes of the parameters that can change."""
+    mission: MissionTerms = plan.prepared.inputs
     settings: HullSettings = plan.settings
-    hull, changes = combine_dives(mission, settings)
+    hull, changes = combine_terms(mission, settings)
     rows: dict[int, Row] = {
         number: {"message": "the smoother has no estimate of this profile, or no information on the hull from it"}
         for number in mission.without
     }
-    rows |= {dive.number: _dive_row(mission, hull, index) for index, dive in enumerate(mission.dives)}
+    rows |= {term.number: _profile_row(mission, hull, index) for index, term in enumerate(mission.terms)}
     keys = [mission.parameters[i].key for i in mission.suspects]
     return GroupContent(
         labels={SUSPECT: keys},
@@ -227,26 +227,26 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     )
 
 
-def combine_dives(mission: MissionDives, settings: HullSettings) -> tuple[MissionHull, dict[int, HullChange | None]]:
-    """Return the sum over the dives, and the changes of the parameters that may change, by their positions.
+def combine_terms(mission: MissionTerms, settings: HullSettings) -> tuple[MissionHull, dict[int, ErrorChange | None]]:
+    """Return the sum over the profiles, and the changes of the parameters that may change, by their positions.
 
     Where changes are probable, the sum is repeated with a prior that allows them. Otherwise it would be a mean of the
-    hulls before and after. The search for changes uses the undivided information of the dives: the error for which it
-    is otherwise divided is the same in every dive, and cancels in the differences between dives.
+    hulls before and after. The search for changes uses the undivided information of the profiles: the error for which
+    it is otherwise divided is the same in every profile, and cancels in the differences between profiles.
     """
-    hull = mission.undivided or _sum_of_dives(mission, robust=settings.robust)
+    hull = mission.undivided or _sum_of_terms(mission, robust=settings.robust)
     with threadpool_limits(limits=1):
         changes = find_changes(
-            mission.dives, mission.suspects, mission.prior, settings.change, mission.companions, robust=settings.robust
+            mission.terms, mission.suspects, mission.prior, settings.change, mission.companions, robust=settings.robust
         )
         probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
         if probable or mission.divisor > 1.0:
-            dives = [dive.weakened(mission.divisor) for dive in mission.dives]
-            hull = solve_mission(dives, _with_changes(mission, probable, settings), robust=settings.robust)
+            terms = [term.weakened(mission.divisor) for term in mission.terms]
+            hull = solve_mission(terms, _with_changes(mission, probable, settings), robust=settings.robust)
     return hull, changes
 
 
-def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], settings: HullSettings) -> HullPrior:
+def _with_changes(mission: MissionTerms, changes: Mapping[int, ErrorChange], settings: HullSettings) -> HullPrior:
     """Return the prior of a mission in which parameters change, abruptly near the onset or gradually from it."""
     walk = mission.prior.walk.copy()
     jumps: dict[int, Array] = {}
@@ -255,7 +255,7 @@ def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], sett
         size = float(np.hypot(change.total, change.total_std))
         companion = mission.companions.get(parameter)
         if change.step_probability < 0.5:
-            days = (mission.dives[-1].time - mission.dives[onset - 1].time) / np.timedelta64(1, "D")
+            days = (mission.terms[-1].time - mission.terms[onset - 1].time) / np.timedelta64(1, "D")
             allowed = {parameter: size} if companion is None else {parameter: size, companion: settings.change}
             for index, change_std in allowed.items() if days > 0.0 else ():
                 walk[index] = max(walk[index], change_std / np.sqrt(days))
@@ -268,8 +268,8 @@ def _with_changes(mission: MissionDives, changes: Mapping[int, HullChange], sett
     return HullPrior(mission.prior.eta, walk, jumps)
 
 
-def _dive_row(mission: MissionDives, hull: MissionHull, index: int) -> Row:
-    """Return the row of one dive, in the platform file's units."""
+def _profile_row(mission: MissionTerms, hull: MissionHull, index: int) -> Row:
+    """Return the row of one profile, in the platform file's units."""
     smoothed, sequential = hull.smoothed[index], hull.sequential[index]
     moved, moved_std = _in_units(mission, smoothed.mean, smoothed.std)
     then, then_std = _in_units(mission, sequential.mean, sequential.std)
@@ -293,7 +293,7 @@ def _dive_row(mission: MissionDives, hull: MissionHull, index: int) -> Row:
     }
 
 
-def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Array, Array]:
+def _in_units(mission: MissionTerms, eta: Array, deviation: Array) -> tuple[Array, Array]:
     """Values (p,) and deviations (p,) in the platform file's units."""
     hull = mission.platform
     values = [p.moved(hull, x) for p, x in zip(mission.parameters, eta.tolist(), strict=True)]
@@ -302,9 +302,9 @@ def _in_units(mission: MissionDives, eta: Array, deviation: Array) -> tuple[Arra
 
 
 def _stored_changes(
-    mission: MissionDives, hull: MissionHull, changes: Mapping[int, HullChange | None]
+    mission: MissionTerms, hull: MissionHull, changes: Mapping[int, ErrorChange | None]
 ) -> dict[str, Array]:
-    """Return the variables of the parameters that may change; NaN if there are too few dives."""
+    """Return the variables of the parameters that may change; NaN if there are too few profiles."""
     return {
         name: np.array([np.nan if change is None else change_in_units(mission, hull, i, change)[name]
                         for i, change in changes.items()])
@@ -318,11 +318,11 @@ CHANGE_COLUMNS = (
 """Variables of the parameters that may change."""
 
 
-def change_in_units(mission: MissionDives, hull: MissionHull, parameter: int, change: HullChange) -> dict[str, float]:
+def change_in_units(mission: MissionTerms, hull: MissionHull, parameter: int, change: ErrorChange) -> dict[str, float]:
     """Return `CHANGE_COLUMNS` of a change, with sizes in the platform file's units and onsets as profile numbers."""
     changed = mission.parameters[parameter]
     slope = changed.slope(mission.platform, float(hull.smoothed[0].mean[parameter]))
-    low, middle, high = (float(mission.dives[index].number) for index in change.onset)
+    low, middle, high = (float(mission.terms[index].number) for index in change.onset)
     values = (
         change.probability, slope * change.total, abs(slope) * change.total_std, middle, low, high,
         change.step_probability,

@@ -1,8 +1,8 @@
-"""Constant and slowly changing unknowns of a sequence of dives: a Kalman filter and smoother in information form.
+"""Constant and slowly changing unknowns of a sequence of profiles: a Kalman filter and smoother in information form.
 
-A dive enters through its log-likelihood of the unknowns x, ``log p(dive | x) = c + h'x - x'Lx / 2``, which may have no
-information in some directions. From dive to dive each unknown is constant, walks randomly, or decays. There are only a
-few tens of unknowns, and plain dense algebra suffices.
+A profile enters through its log-likelihood of the unknowns x, ``log p(profile | x) = c + h'x - x'Lx / 2``, which may
+have no information in some directions. From profile to profile each unknown is constant, walks randomly, or decays.
+There are only a few tens of unknowns, and plain dense algebra suffices.
 
 All arrays may have leading axes: several problems of the same size are then solved at once, which for such small
 matrices takes little longer than one.
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Log-likelihood ``c + h'x - x'Lx / 2`` of one dive.
+    """Log-likelihood ``c + h'x - x'Lx / 2`` of one profile.
 
     Attributes
     ----------
@@ -93,12 +93,12 @@ class Gaussian:
         return Gaussian(self.mean[..., :count], self.covariance[..., :count, :count])
 
     def updated(self, term: Information) -> tuple["Gaussian", Array]:
-        """Return the posterior after a dive, and the log evidence of that dive with this distribution as the prior.
+        """Return the posterior after a profile, and that profile's log evidence with this distribution as the prior.
 
         Notes
         -----
         With the Cholesky factor C of the covariance and ``S = 1 + C'LC``, the posterior covariance is ``C S^-1 C'``.
-        This form is stable where a dive has no information, and where it has a million times that of the prior.
+        This form is stable where a profile has no information, and where it has a million times that of the prior.
         """
         root = np.linalg.cholesky(self.covariance)
         factor = np.linalg.cholesky(np.eye(root.shape[-1]) + root.mT @ term.matrix @ root)
@@ -116,7 +116,7 @@ class Gaussian:
         return Gaussian(self.mean + change, covariance), evidence
 
     def without(self, term: Information) -> "Gaussian":
-        """Return the distribution without one of its dives: the inverse of `updated`."""
+        """Return the distribution without one of its profiles: the inverse of `updated`."""
         covariance = np.linalg.solve(np.eye(self.mean.shape[-1]) - self.covariance @ term.matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.mT)
         innovation = term.vector - apply(term.matrix, self.mean)
@@ -125,9 +125,9 @@ class Gaussian:
     def disagreement(
         self, term: Information, informed: InformedDirections | None = None
     ) -> tuple[Array, NDArray[np.int64]]:
-        """Return the chi-square of a dive that this distribution does not contain, and its degrees of freedom.
+        """Return the chi-square of a profile that this distribution does not contain, and its degrees of freedom.
 
-        The directions in which the dive is informed are computed unless they are given.
+        The directions in which the profile is informed are computed unless they are given.
         """
         informed = informed or InformedDirections.of(term.matrix)
         return informed.disagreement(term.vector - apply(term.matrix, self.mean), self.covariance)
@@ -140,7 +140,7 @@ def apply(matrix: Array, vector: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """Transition of the unknowns to the next dive: ``x <- decay x + noise`` with variances, each (p,)."""
+    """Transition of the unknowns to the next profile: ``x <- decay x + noise`` with variances, each (p,)."""
 
     decay: Array
     variance: Array
@@ -153,16 +153,16 @@ class Transition:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Distributions of the unknowns at every dive.
+    """Distributions of the unknowns at every profile.
 
     Attributes
     ----------
     sequential, smoothed : tuple of Gaussian
-        Distributions given the dives up to each one, and given all dives.
+        Distributions given the profiles up to each one, and given all profiles.
     log_evidence : float
-        Log evidence of all dives.
+        Log evidence of all profiles.
     gains : tuple of (p, p)
-        Gains of the smoother, from every dive but the last to the next one.
+        Gains of the smoother, from every profile but the last to the next one.
     """
 
     sequential: tuple[Gaussian, ...]
@@ -171,11 +171,11 @@ class Chain:
     gains: tuple[Array, ...]
 
     def since_first(self) -> tuple[Array, Array]:
-        """Change (n, p) of the unknowns since the first dive, given all dives, and its standard deviation (n, p).
+        """Change (n, p) of the unknowns since the first profile, given all profiles, and its standard deviation (n, p).
 
         Notes
         -----
-        The covariance of the unknowns at the first dive and at a later one is the product of the smoother's gains
+        The covariance of the unknowns at the first profile and at a later one is the product of the smoother's gains
         between them times the later covariance.
         """
         first = self.smoothed[0]
@@ -191,16 +191,16 @@ class Chain:
 
 
 def solve_chain(prior: Gaussian, changes: Sequence[Transition], terms: Sequence[Information]) -> Chain:
-    """Filter and smooth the unknowns over all dives (Rauch, Tung and Striebel 1965).
+    """Filter and smooth the unknowns over all profiles (Rauch, Tung and Striebel 1965).
 
     Parameters
     ----------
     prior : Gaussian
-        Prior of the unknowns at the first dive.
+        Prior of the unknowns at the first profile.
     changes : sequence of Transition
-        Changes before the second dive, the third ...
+        Changes before the second profile, the third ...
     terms : sequence of Information
-        Information of the dives.
+        Information of the profiles.
     """
     sequential, predicted, evidence, posterior = [], [], np.zeros(()), prior
     for number, term in enumerate(terms):

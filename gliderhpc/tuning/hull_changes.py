@@ -1,9 +1,9 @@
-"""Changes of the hull's errors during a mission: steps or ramps from some dive on, with their probabilities.
+"""Changes of the hull's errors during a mission: steps or ramps from some profile on, with their probabilities.
 
-Each candidate adds one unknown, the size of the change, to a chain of dives in which that error is otherwise constant.
-A constant unknown enters a Kalman filter in the separate-bias form (Friedland 1969), here in one pass for all
+Each candidate adds one unknown, the size of the change, to a chain of profiles in which that error is otherwise
+constant. A constant unknown enters a Kalman filter in the separate-bias form (Friedland 1969), here in one pass for all
 candidates: the derivatives of the means with respect to the size are propagated with the filter, and the log evidence
-of the dives is quadratic in the size.
+of the profiles is quadratic in the size.
 
 Different errors of the hull can look alike: lost weight changes the depth rates as a pitch offset does. Changes are
 therefore accepted one at a time, the most probable first, and the others are judged with the accepted ones among the
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition
-from gliderhpc.tuning.mission_hull import DiveTerm, HullPrior, changes_of
+from gliderhpc.tuning.mission_hull import HullPrior, ProfileTerm, changes_of
 from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
 
 FORMS = ("step", "ramp")
@@ -30,15 +30,15 @@ PROBABLE = 0.95
 POSSIBLE = 0.8
 """Minimum probability of a change that is reported as possible."""
 _MIN_SCATTER = 0.3
-"""Minimum ratio of the variance between dives to their stated one; a few dives can agree by chance."""
+"""Minimum ratio of the variance between profiles to their stated one; a few profiles can agree by chance."""
 _MIN_FREEDOM = 60
-"""Degrees of freedom of all dives at or above which a smaller scatter than stated is taken into account."""
-_MIN_DIVES = 4
-"""Minimum number of dives; with fewer, a change cannot be distinguished from their scatter."""
+"""Degrees of freedom of all profiles at or above which a smaller scatter than stated is taken into account."""
+_MIN_PROFILES = 4
+"""Minimum number of profiles; with fewer, a change cannot be distinguished from their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
-class HullChange:
+class ErrorChange:
     """Change of one error of the hull.
 
     Attributes
@@ -46,10 +46,10 @@ class HullChange:
     probability : float
         Probability of a change; its prior is one half.
     total, total_std : float
-        Change from the first dive to the last, given that there is one, and its standard deviation, in plausible
+        Change from the first profile to the last, given that there is one, and its standard deviation, in plausible
         deviations.
     onset : (int, int, int)
-        Positions of the first changed dive: lower end of the 90 % interval, median, upper end.
+        Positions of the first changed profile: lower end of the 90 % interval, median, upper end.
     step_probability : float
         Probability of a step, given a change.
     """
@@ -62,20 +62,20 @@ class HullChange:
 
 
 def find_changes(
-    dives: Sequence[DiveTerm],
+    profiles: Sequence[ProfileTerm],
     suspects: Sequence[int],
     prior: HullPrior,
     size: float = 1.0,
     companions: Mapping[int, int] | None = None,
     *,
     robust: bool = True,
-) -> dict[int, HullChange | None]:
+) -> dict[int, ErrorChange | None]:
     """Estimate the probability, size and onset of a change of each suspected error.
 
     Parameters
     ----------
-    dives : sequence of DiveTerm
-        Dives in the order of time.
+    profiles : sequence of ProfileTerm
+        Profiles in the order of time.
     suspects : sequence of int
         Indices of the errors that may change.
     prior : HullPrior
@@ -87,45 +87,47 @@ def find_changes(
         Index of an error that may change at the same time as a suspect, with the same course but another size. It
         is considered in the size and onset of the change, but not in its probability.
     robust : bool
-        Whether the dives' covariances are scaled by the scatter between dives, and outlying dives have less weight.
+        Whether the profiles' covariances are scaled by the scatter between profiles, and outlying profiles have less
+        weight.
 
     Returns
     -------
     dict
-        Change of each suspect; None with fewer than four dives.
+        Change of each suspect; None with fewer than four profiles.
 
     Notes
     -----
-    Every dive but the first may be the onset, either of a step or of a ramp that reaches its whole size at the last
-    dive; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
+    Every profile but the first may be the onset, either of a step or of a ramp that reaches its whole size at the last
+    profile; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
     candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
     companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
 
-    A change shows in the differences between dives, in which errors that all dives have in common cancel. If all dives
-    contradict the platform file, the hull has not changed. The levels of the suspects are therefore as uncertain as a
-    change is large; otherwise a change after the first dive would excuse all later dives from the prior.
+    A change shows in the differences between profiles, in which errors that all profiles have in common cancel. If all
+    profiles contradict the platform file, the hull has not changed. The levels of the suspects are therefore as
+    uncertain as a change is large; otherwise a change after the first profile would excuse all later profiles from the
+    prior.
 
-    The dives' covariances include common errors too. They are therefore scaled by the scatter between dives, also where
-    this is smaller than they state, down to `_MIN_SCATTER`.
+    The profiles' covariances include common errors too. They are therefore scaled by the scatter between profiles, also
+    where this is smaller than they state, down to `_MIN_SCATTER`.
 
-    Probabilities, sizes and onsets are means over the assumptions of the noise under which the dives were smoothed,
+    Probabilities, sizes and onsets are means over the assumptions of the noise under which the profiles were smoothed,
     which are equally plausible: a change that only some of them show is not certain.
 
     While the suspect with the largest evidence is probable, it is accepted: the sizes of its most probable course, and
     of the same course of its companion, join the unknowns, and the remaining suspects are judged given them.
     """
-    if len(dives) < _MIN_DIVES:
+    if len(profiles) < _MIN_PROFILES:
         return dict.fromkeys(suspects)
     companions = companions or {}
-    assumptions = _assumptions(dives)
-    parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(dives)))
+    assumptions = _assumptions(profiles)
+    parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(profiles)))
     free = _with_free_levels(prior, suspects, size)
     chains = [_Chain(free, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
-    changes: dict[int, HullChange] = {}
+    changes: dict[int, ErrorChange] = {}
     remaining = list(suspects)
     while remaining:
         sought = {i: [chain.candidates(i, companions.get(i)) for chain in chains] for i in remaining}
-        changes |= {i: _mixture(each, len(dives) - 1) for i, each in sought.items()}
+        changes |= {i: _mixture(each, len(profiles) - 1) for i, each in sought.items()}
         best = max(remaining, key=lambda i: float(np.mean([first.log_evidence for first, *_ in sought[i]])))
         if changes[best].probability < PROBABLE:
             break
@@ -143,42 +145,45 @@ def _with_free_levels(prior: HullPrior, suspects: Sequence[int], size: float) ->
     return replace(prior, eta=Gaussian(prior.eta.mean, prior.eta.covariance + np.diag(variance)))
 
 
-def _assumptions(dives: Sequence[DiveTerm]) -> list[Sequence[DiveTerm]]:
-    """Dives under each assumption of the noise that all of them have."""
+def _assumptions(profiles: Sequence[ProfileTerm]) -> list[Sequence[ProfileTerm]]:
+    """Profiles under each assumption of the noise that all of them have."""
+    count = min(len(profile.others) for profile in profiles)
     return [
-        dives,
-        *([dive.under_assumption(i) for dive in dives] for i in range(min(len(dive.others) for dive in dives))),
+        profiles,
+        *([profile.under_assumption(i) for profile in profiles] for i in range(count)),
     ]
 
 
-def _parts(assumptions: Sequence[Sequence[DiveTerm]], prior: HullPrior) -> Array:
-    """Factors on the information of the dives ``(assumption, dive)`` that bring it to their scatter."""
-    terms = [Information.stacked([dive.term for dive in same]) for same in zip(*assumptions, strict=True)]
+def _parts(assumptions: Sequence[Sequence[ProfileTerm]], prior: HullPrior) -> Array:
+    """Factors on the information of the profiles ``(assumption, profile)`` that bring it to their scatter."""
+    terms = [Information.stacked([profile.term for profile in same]) for same in zip(*assumptions, strict=True)]
 
     def total(walk: Array) -> WeightedSum:
         return WeightedSum.plain(SumProblem(prior.eta, changes_of(assumptions[0], walk), terms))
 
-    # A random walk that is too large would pass for dives that agree, so that smaller scatter is judged without it.
+    # A random walk that is too large would pass for profiles that agree, so that smaller scatter is judged without it.
     constant = total(np.zeros(len(prior.walk))).agreeing(_MIN_SCATTER)
     walks = (constant.inflation >= 1.0) | (constant.disagreements[1].sum(axis=-1) < _MIN_FREEDOM)
     return np.where(walks[:, None], total(prior.walk).agreeing().part, constant.part) if walks.any() else constant.part
 
 
 class _Chain:
-    """Dives under one assumption of the noise, with the sizes of the accepted changes among the unknowns."""
+    """Profiles under one assumption of the noise, with the sizes of the accepted changes among the unknowns."""
 
-    def __init__(self, prior: HullPrior, dives: Sequence[DiveTerm], weights: Sequence[float], size: float) -> None:
-        self._dives, self._walk, self._size = dives, prior.walk, size
+    def __init__(
+        self, prior: HullPrior, profiles: Sequence[ProfileTerm], weights: Sequence[float], size: float
+    ) -> None:
+        self._profiles, self._walk, self._size = profiles, prior.walk, size
         self._prior = prior.eta
-        self._terms = [dive.term.weighted(weight) for dive, weight in zip(dives, weights, strict=True)]
-        self._shapes = np.concatenate([_shapes(dives, form) for form in FORMS])
+        self._terms = [profile.term.weighted(weight) for profile, weight in zip(profiles, weights, strict=True)]
+        self._shapes = np.concatenate([_shapes(profiles, form) for form in FORMS])
 
     def candidates(self, parameter: int, companion: int | None) -> list["_Candidates"]:
         """Candidates for the change of an error, alone and with its companion."""
         walk = self._walk.copy()
         walk[parameter] = 0.0
         changing = (parameter,) if companion is None else (parameter, companion)
-        changes = [_with_constants(each, len(self._prior.mean)) for each in changes_of(self._dives, walk)]
+        changes = [_with_constants(each, len(self._prior.mean)) for each in changes_of(self._profiles, walk)]
         score, information = size_likelihood(self._prior, changes, self._terms, changing, self._shapes)
         counts = range(1, len(changing) + 1)
         return [_candidates(score[:, :count], information[:, :count, :count], self._size) for count in counts]
@@ -196,13 +201,13 @@ class _Chain:
 
 
 def _with_constants(change: Transition, count: int) -> Transition:
-    """Return a change between dives with further unknowns that stay constant, ``count`` in all."""
+    """Return a change between profiles with further unknowns that stay constant, ``count`` in all."""
     added = count - len(change.decay)
     return Transition(np.append(change.decay, np.ones(added)), np.append(change.variance, np.zeros(added)))
 
 
 def _with_sizes(term: Information, parameters: Sequence[int], part: float) -> Information:
-    """Return a dive's information with one further unknown for each parameter, whose part adds to the parameter."""
+    """Return a profile's information with one further unknown for each parameter, whose part adds to the parameter."""
     count = len(term.vector)
     lift = np.eye(count, count + len(parameters))
     lift[list(parameters), range(count, count + len(parameters))] = part
@@ -231,14 +236,14 @@ def _candidates(score: Array, information: Array, size: float) -> _Candidates:
     return _Candidates(log_ratio, mean[:, 0], np.asarray(covariance[:, 0, 0]))
 
 
-def _shapes(dives: Sequence[DiveTerm], form: str) -> Array:
-    """Course of the change over the dives ``(onset, dive)``, from zero to one, for every onset but the first dive."""
-    day = (np.array([dive.time for dive in dives]) - dives[0].time) / np.timedelta64(1, "D")
-    index = np.arange(len(dives))
+def _shapes(profiles: Sequence[ProfileTerm], form: str) -> Array:
+    """Course of the change over the profiles ``(onset, profile)``, from zero to one, for every onset but the first."""
+    day = (np.array([profile.time for profile in profiles]) - profiles[0].time) / np.timedelta64(1, "D")
+    index = np.arange(len(profiles))
     changed = index >= index[1:, None]
     if form == "step":
         return changed.astype(np.float64)
-    # The ramp starts from zero at the dive before the onset.
+    # The ramp starts from zero at the profile before the onset.
     start = day[:-1, None]
     return np.asarray(np.where(changed, (day - start) / np.maximum(day[-1] - start, 1e-9), 0.0))
 
@@ -255,15 +260,15 @@ def size_likelihood(
     Parameters
     ----------
     prior : Gaussian
-        Prior of the unknowns at the first dive.
+        Prior of the unknowns at the first profile.
     changes : sequence of Transition
-        Changes before the second dive, the third ...
+        Changes before the second profile, the third ...
     terms : sequence of Information
-        Information of the dives.
+        Information of the profiles.
     parameters : sequence of int
         Indices of the k unknowns that change, each by a different size.
     shapes : (m, n)
-        Course of the change over the dives.
+        Course of the change over the profiles.
     """
     belief = prior
     candidates, sizes = len(shapes), len(parameters)
@@ -273,7 +278,7 @@ def size_likelihood(
         if number:
             belief = changes[number - 1].applied(belief)
             sensitivity = changes[number - 1].decay[:, None, None] * sensitivity
-        # Derivative of the unknowns at this dive with respect to the sizes, relative to that of the filter's mean.
+        # Derivative of the unknowns at this profile with respect to the sizes, relative to that of the filter's mean.
         seen = sensitivity.copy()
         for k, parameter in enumerate(parameters):
             seen[parameter, :, k] += shapes[:, number]
@@ -287,7 +292,7 @@ def size_likelihood(
     return score, information
 
 
-def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> HullChange:
+def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> ErrorChange:
     """Average over the candidates, weighted by their evidence, and over equally plausible assumptions.
 
     Each assumption has the candidates without companion first, and of each kind the steps first.
@@ -302,7 +307,7 @@ def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> HullC
     by_onset = by_form.sum(axis=0).cumsum()
     low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in _INTERVAL)
     probability = float(np.mean([_probability(first.log_evidence) for first, *_ in assumptions]))
-    return HullChange(
+    return ErrorChange(
         probability,
         total,
         spread,

@@ -1,10 +1,11 @@
-"""The mission's hull: errors ``eta`` of a hull and its records, estimated from all dives (docs/smoother.md).
+"""The mission's hull: errors ``eta`` of a hull and its records, estimated from all profiles (docs/smoother.md).
 
-Each dive gives a score and an information. They are added to the prior, with a random walk from dive to dive for the
-errors that can change. No model is exact, and dives differ from one another by more than their own covariances state.
-The ratio of the two variances is estimated from the dives, and their information is divided by it. A dive that does not
-fit the rest has less weight. The assumed noise of the disturbances is common to all dives. Where other assumptions give
-other results, the dives have less influence on the mean, and the covariance is larger.
+Each profile gives a score and an information. They are added to the prior, with a random walk from profile to profile
+for the errors that can change. No model is exact, and profiles differ from one another by more than their own
+covariances state. The ratio of the two variances is estimated from the profiles, and their information is divided by
+it. A profile that does not fit the rest has less weight. The assumed noise of the disturbances is common to all
+profiles. Where other assumptions give other results, the profiles have less influence on the mean, and the covariance
+is larger.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,7 @@ from gliderhpc.distributions import gamma_tail
 from gliderhpc.observations.times import SECOND
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition, about, apply
 from gliderhpc.tuning.turn_test import (
-    DiveCurrent,
+    ProfileCurrent,
     TurnTestSettings,
     changes_with_current,
     extended_information,
@@ -33,30 +34,30 @@ _SECONDS_PER_DAY = 86400.0
 _MIN_CURRENTS = 2
 """Minimum number of currents; a single one gives no information."""
 _UNINFORMED = 1e-9
-"""Fraction of the prior's information that is added where the dives have none."""
+"""Fraction of the prior's information that is added where the profiles have none."""
 MIN_COMPARED = 4
-"""Minimum number of dives for an estimate of their scatter."""
+"""Minimum number of profiles for an estimate of their scatter."""
 
 
 @dataclass(frozen=True, eq=False)
-class DiveTerm:
-    """Information of one dive on the hull.
+class ProfileTerm:
+    """Information of one profile on the hull.
 
     Attributes
     ----------
     number : int
         Number of the profile.
     time : numpy.datetime64
-        Time of the dive.
+        Time of the profile.
     point : (p,)
-        Value of ``eta`` about which the dive was smoothed, in plausible deviations.
+        Value of ``eta`` about which the profile was smoothed, in plausible deviations.
     score : (p,)
-        Gradient of the dive's log-likelihood at that point.
+        Gradient of the profile's log-likelihood at that point.
     information : (p, p)
         Expected curvature at that point.
     others : tuple of (score, information)
         Score and information under other assumptions of the noise.
-    current : DiveCurrent, optional
+    current : ProfileCurrent, optional
         Depth-averaged current, for the turn test.
     """
 
@@ -66,20 +67,20 @@ class DiveTerm:
     score: Array
     information: Array
     others: tuple[ScoreAndInformation, ...] = ()
-    current: DiveCurrent | None = None
+    current: ProfileCurrent | None = None
 
     @property
     def term(self) -> Information:
         """Log-likelihood of eta, up to a constant."""
         return about(self.score, self.information, self.point)
 
-    def under_assumption(self, other: int) -> "DiveTerm":
-        """Return the dive under one of the other assumptions of the noise."""
+    def under_assumption(self, other: int) -> "ProfileTerm":
+        """Return the profile under one of the other assumptions of the noise."""
         score, information = self.others[other]
         return replace(self, score=score, information=information)
 
-    def weakened(self, divisor: float) -> "DiveTerm":
-        """Return the dive with all its information divided by a number."""
+    def weakened(self, divisor: float) -> "ProfileTerm":
+        """Return the profile with all its information divided by a number."""
         others = tuple((score / divisor, information / divisor) for score, information in self.others)
         return replace(self, score=self.score / divisor, information=self.information / divisor, others=others)
 
@@ -92,16 +93,16 @@ class DiveTerm:
 
 @dataclass(frozen=True, eq=False)
 class HullPrior:
-    """Prior of the hull's errors, before any dive.
+    """Prior of the hull's errors, before any profile.
 
     Attributes
     ----------
     eta : Gaussian
-        Mean (p,) and covariance (p, p) at the first dive: ``N(0, 1)`` for a hull that has not been calibrated.
+        Mean (p,) and covariance (p, p) at the first profile: ``N(0, 1)`` for a hull that has not been calibrated.
     walk : (p,)
         Standard deviation of the random walk per square root of a day.
     jumps : mapping of int to (p,)
-        Variances of abrupt changes, by the position of the first dive after the change.
+        Variances of abrupt changes, by the position of the first profile after the change.
     """
 
     eta: Gaussian
@@ -116,26 +117,27 @@ class HullPrior:
 
 @dataclass(frozen=True, eq=False)
 class MissionHull:
-    """Errors of a mission's hull at every dive.
+    """Errors of a mission's hull at every profile.
 
     Attributes
     ----------
     numbers, times : (n,), (n,) of numpy.datetime64
         Numbers and times of the profiles.
     smoothed, sequential : tuple of Gaussian
-        Distributions of ``eta`` at every dive, in plausible deviations, given all dives and given the dives up to each.
+        Distributions of ``eta`` at every profile, in plausible deviations, given all profiles and given the profiles up
+        to each.
     log_evidence : float
-        Log evidence of all dives, with their weights.
+        Log evidence of all profiles, with their weights.
     inflation : float
-        Ratio of the variance between dives to their stated variance; at least one.
+        Ratio of the variance between profiles to their stated variance; at least one.
     weight, chi_square : (n,)
-        Weight of each dive, and its chi-square relative to the rest.
+        Weight of each profile, and its chi-square relative to the rest.
     freedom : (n,) of int
         Degrees of freedom of the chi-square.
     prior : HullPrior
         Prior of the errors.
     change, change_std : (n, p)
-        Change of ``eta`` since the first dive, given all dives, and its standard deviation.
+        Change of ``eta`` since the first profile, given all profiles, and its standard deviation.
     """
 
     numbers: NDArray[np.int64]
@@ -153,17 +155,17 @@ class MissionHull:
 
     @property
     def eta(self) -> Array:
-        """Mean (n, p) at every dive, given all dives."""
+        """Mean (n, p) at every profile, given all profiles."""
         return np.array([distribution.mean for distribution in self.smoothed])
 
     @property
     def std(self) -> Array:
-        """Standard deviation (n, p) at every dive, given all dives."""
+        """Standard deviation (n, p) at every profile, given all profiles."""
         return np.array([distribution.std for distribution in self.smoothed])
 
     @property
     def overall(self) -> Gaussian:
-        """Distribution of ``eta`` over all dives: mean and covariance, including the random walk."""
+        """Distribution of ``eta`` over all profiles: mean and covariance, including the random walk."""
         departures = self.eta - self.eta.mean(axis=0)
         within = np.mean([distribution.covariance for distribution in self.smoothed], axis=0)
         return Gaussian(self.eta.mean(axis=0), within + departures.T @ departures / len(departures))
@@ -173,7 +175,7 @@ class MissionHull:
 
         Notes
         -----
-        Eigenvectors of the posterior covariance at the middle dive, relative to the prior's.
+        Eigenvectors of the posterior covariance at the middle profile, relative to the prior's.
         """
         root = np.linalg.cholesky(self.prior.eta.covariance)
         half = scipy.linalg.solve_triangular(root, self.smoothed[len(self.smoothed) // 2].covariance, lower=True)
@@ -183,40 +185,41 @@ class MissionHull:
 
 
 def solve_mission(
-    dives: Sequence[DiveTerm], prior: HullPrior, *, robust: bool = True, turn_test: TurnTestSettings | None = None
+    profiles: Sequence[ProfileTerm], prior: HullPrior, *, robust: bool = True, turn_test: TurnTestSettings | None = None
 ) -> MissionHull:
-    """Combine the information of a mission's dives.
+    """Combine the information of a mission's profiles.
 
     Parameters
     ----------
-    dives : sequence of DiveTerm
-        Dives in the order of time, at least one.
+    profiles : sequence of ProfileTerm
+        Profiles in the order of time, at least one.
     prior : HullPrior
         Prior of the errors.
     robust : bool
-        Whether the dives' covariances are inflated by the scatter between dives, and outlying dives have less weight.
+        Whether the profiles' covariances are inflated by the scatter between profiles, and outlying profiles have less
+        weight.
     turn_test : TurnTestSettings, optional
-        Settings of the turn test. Currents are not used without it, or if fewer than two dives have one.
+        Settings of the turn test. Currents are not used without it, or if fewer than two profiles have one.
 
     Notes
     -----
-    The inflation is chosen to bring the median dive's chi-square, relative to the rest, to the median of the
-    chi-square distribution; all information is divided by it. If a dive's chi-square then exceeds the 99 % quantile,
+    The inflation is chosen to bring the median profile's chi-square, relative to the rest, to the median of the
+    chi-square distribution; all information is divided by it. If a profile's chi-square then exceeds the 99 % quantile,
     its information is divided by the ratio of the two.
 
     The result also depends on the assumed noise. Where it moves under the other assumptions, with the same weights and
-    inflation, the dives have less influence on the mean, and the covariance grows (`widen_by_disagreement`).
+    inflation, the profiles have less influence on the mean, and the covariance grows (`widen_by_disagreement`).
     """
-    total = WeightedSum.plain(_pose_problem(dives, prior, turn_test))
-    if robust and len(dives) >= MIN_COMPARED:
+    total = WeightedSum.plain(_pose_problem(profiles, prior, turn_test))
+    if robust and len(profiles) >= MIN_COMPARED:
         total = total.agreeing()
     count = len(prior.walk)
     chain, (chi_square, freedom) = total.chain, total.disagreements
-    numbers = np.array([dive.number for dive in dives], dtype=np.int64)
-    times = np.array([dive.time for dive in dives])
+    numbers = np.array([profile.number for profile in profiles], dtype=np.int64)
+    times = np.array([profile.time for profile in profiles])
     change, change_std = (each[:, :count] for each in chain.since_first())
     smoothed, sequential = chain.smoothed, chain.sequential
-    problems = _pose_other_problems(dives, prior, turn_test)
+    problems = _pose_other_problems(profiles, prior, turn_test)
     if problems is not None:
         other = replace(total, problem=problems).chain
         smoothed = _widen_by_assumptions(prior, times, smoothed, other.smoothed)
@@ -242,7 +245,7 @@ def solve_mission(
 def _widen_by_assumptions(
     prior: HullPrior, times: NDArray[np.datetime64], posterior: Sequence[Gaussian], others: Sequence[Gaussian]
 ) -> tuple[Gaussian, ...]:
-    """Distributions of the errors at every dive, including the uncertainty from the assumed noise.
+    """Distributions of the errors at every profile, including the uncertainty from the assumed noise.
 
     ``others`` are those under the other assumptions, along a leading axis.
     """
@@ -256,7 +259,7 @@ def _widen_by_assumptions(
 
 
 def _jump_variances(prior: HullPrior, position: int) -> Array:
-    """Variances ``(p,)`` of the abrupt changes up to a dive."""
+    """Variances ``(p,)`` of the abrupt changes up to a profile."""
     variances = [variance for first, variance in prior.jumps.items() if first <= position]
     return np.asarray(np.sum(variances, axis=0)) if variances else np.zeros(len(prior.walk))
 
@@ -267,16 +270,16 @@ def widen_by_disagreement(before: Gaussian, after: Gaussian, moved: Array) -> Ga
     Parameters
     ----------
     before, after : Gaussian
-        Prior of the unknowns, and posterior given the dives under one assumption.
+        Prior of the unknowns, and posterior given the profiles under one assumption.
     moved : (..., k, p)
         Mean under each of the other assumptions, less that of ``after``.
 
     Notes
     -----
-    Let ``L`` and ``h`` be the information matrix and vector of the dives. The other assumptions are treated as errors
-    of ``h`` that all dives have in common: ``h = L eta + U c + e``. Each column of ``U`` is the change of the vector
-    under one assumption, ``c`` is standard normal and ``e`` has the covariance ``L``. The mean is that of this problem,
-    with
+    Let ``L`` and ``h`` be the information matrix and vector of the profiles. The other assumptions are treated as
+    errors of ``h`` that all profiles have in common: ``h = L eta + U c + e``. Each column of ``U`` is the change of the
+    vector under one assumption, ``c`` is standard normal and ``e`` has the covariance ``L``. The mean is that of this
+    problem, with
 
         L' = L - U (1 + U' L^-1 U)^-1 U',    h' = h - U (1 + U' L^-1 U)^-1 U' L^-1 h
 
@@ -288,7 +291,7 @@ def widen_by_disagreement(before: Gaussian, after: Gaussian, moved: Array) -> Ga
     matrix = precision - inverse
     vector = apply(precision, after.mean) - apply(inverse, before.mean)
     U = precision @ moved.mT
-    # Where the dives have no information, L is singular; a small part of the prior's information makes it regular.
+    # Where the profiles have no information, L is singular; a small part of the prior's information makes it regular.
     solved = np.asarray(np.linalg.solve(matrix + _UNINFORMED * inverse, U))
     right = np.concatenate([U.mT, solved.mT @ vector[..., None]], axis=-1)
     gain = np.asarray(np.linalg.solve(np.eye(moved.shape[-2]) + U.mT @ solved, right))
@@ -303,7 +306,7 @@ def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
     Parameters
     ----------
     errors : Gaussian
-        Errors ``m`` and their covariance ``C`` after the dives; before, they had a unit covariance.
+        Errors ``m`` and their covariance ``C`` after the profiles; before, they had a unit covariance.
 
     Returns
     -------
@@ -323,37 +326,40 @@ def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
     return size, expected, gamma_tail(size, expected**2 / variance, variance / expected)
 
 
-def changes_of(dives: Sequence[DiveTerm], walk: Array, jumps: Mapping[int, Array] | None = None) -> list[Transition]:
-    """Changes of the errors between dives, from their random walk ``(p,)`` per square root of a day and jumps."""
+def changes_of(
+    profiles: Sequence[ProfileTerm], walk: Array, jumps: Mapping[int, Array] | None = None
+) -> list[Transition]:
+    """Changes of the errors between profiles, from their random walk ``(p,)`` per square root of a day and jumps."""
     no_decay, no_jump, jumps = np.ones(len(walk)), np.zeros(len(walk)), jumps or {}
     return [
         Transition(no_decay, walk**2 * time / _SECONDS_PER_DAY + jumps.get(position, no_jump))
-        for position, time in enumerate(_seconds_between(dives).tolist(), 1)
+        for position, time in enumerate(_seconds_between(profiles).tolist(), 1)
     ]
 
 
-def _seconds_between(dives: Sequence[DiveTerm]) -> Array:
-    return np.asarray(np.maximum(np.diff([dive.time for dive in dives]) / SECOND, 0.0))
+def _seconds_between(profiles: Sequence[ProfileTerm]) -> Array:
+    return np.asarray(np.maximum(np.diff([profile.time for profile in profiles]) / SECOND, 0.0))
 
 
-def _pose_problem(dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> SumProblem:
-    changes = changes_of(dives, prior.walk, prior.jumps)
-    if turn_test is None or not turn_test.use or sum(dive.current is not None for dive in dives) < _MIN_CURRENTS:
-        return SumProblem(prior.eta, changes, [dive.term for dive in dives])
+def _pose_problem(profiles: Sequence[ProfileTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> SumProblem:
+    changes = changes_of(profiles, prior.walk, prior.jumps)
+    currents = sum(profile.current is not None for profile in profiles)
+    if turn_test is None or not turn_test.use or currents < _MIN_CURRENTS:
+        return SumProblem(prior.eta, changes, [profile.term for profile in profiles])
     return SumProblem(
         with_current(prior.eta, turn_test),
-        changes_with_current(changes, _seconds_between(dives), turn_test),
-        [dive.term_with_current for dive in dives],
+        changes_with_current(changes, _seconds_between(profiles), turn_test),
+        [profile.term_with_current for profile in profiles],
     )
 
 
 def _pose_other_problems(
-    dives: Sequence[DiveTerm], prior: HullPrior, turn_test: TurnTestSettings | None
+    profiles: Sequence[ProfileTerm], prior: HullPrior, turn_test: TurnTestSettings | None
 ) -> SumProblem | None:
-    """Pose the problems of all other assumptions of the noise at once; None if the dives have none."""
+    """Pose the problems of all other assumptions of the noise at once; None if the profiles have none."""
     problems = [
-        _pose_problem([dive.under_assumption(i) for dive in dives], prior, turn_test)
-        for i in range(min(len(dive.others) for dive in dives))
+        _pose_problem([profile.under_assumption(i) for profile in profiles], prior, turn_test)
+        for i in range(min(len(profile.others) for profile in profiles))
     ]
     if not problems:
         return None
@@ -361,8 +367,8 @@ def _pose_other_problems(
     return replace(problems[0], terms=terms)
 
 
-def predicted_disagreement(found: MissionHull, dive: DiveTerm) -> tuple[float, int]:
-    """Chi-square of a held-out dive relative to the mission's hull at the nearest dive, and its degrees of freedom."""
-    index = int(np.argmin(np.abs(found.numbers - dive.number)))
-    chi_square, freedom = found.smoothed[index].disagreement(dive.term.weighted(1.0 / found.inflation))
+def predicted_disagreement(found: MissionHull, profile: ProfileTerm) -> tuple[float, int]:
+    """Chi-square, and its degrees of freedom, of a held-out profile relative to the hull at the nearest profile."""
+    index = int(np.argmin(np.abs(found.numbers - profile.number)))
+    chi_square, freedom = found.smoothed[index].disagreement(profile.term.weighted(1.0 / found.inflation))
     return float(chi_square), int(freedom)

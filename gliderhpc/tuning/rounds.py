@@ -1,8 +1,8 @@
-"""Rounds by which a mission's dives determine its hull: settings, and errors of the model common to all dives.
+"""Rounds by which a mission's profiles determine its hull: settings, and errors of the model common to all profiles.
 
-Rounded angles, actuators that do not lag as in the model, and noise unlike the prior's change the scores of all dives
-in the same direction, and more dives do not average them out. The terms of sway, roll and yaw suffer most: where the
-water turns the glider, their score is computed about the path of a filter (`information_path`).
+Rounded angles, actuators that do not lag as in the model, and noise unlike the prior's change the scores of all
+profiles in the same direction, and more profiles do not average them out. The terms of sway, roll and yaw suffer most:
+where the water turns the glider, their score is computed about the path of a filter (`information_path`).
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ USUAL_ROUNDS = 8
 
 
 class RoundSettings(Settings):
-    """Settings of the rounds over the dives, which start from the trim in steady glides."""
+    """Settings of the rounds over the profiles, which start from the trim in steady glides."""
 
     most: int | None = Field(
         None,
@@ -38,7 +38,7 @@ class RoundSettings(Settings):
     misfit: float = Field(
         1.0,
         ge=0,
-        description="variance of the errors common to all dives, relative to the variance stated by one dive",
+        description="variance of the errors common to all profiles, relative to the variance stated by one profile",
     )
     turning_misfit: float = Field(
         6.0,
@@ -47,7 +47,7 @@ class RoundSettings(Settings):
     )
     step: float = Field(0.25, ge=1e-3, le=0.25, description="integration step of the rounds, s")
     robust: bool = Field(
-        True, description="whether scatter between the dives reduces their weight, and that of outliers further"
+        True, description="whether scatter between the profiles reduces their weight, and that of outliers further"
     )
 
     def largest_number(self, platform: Platform) -> int:
@@ -61,7 +61,7 @@ class RoundSettings(Settings):
         return USUAL_ROUNDS if platform.sensors.sample_interval <= SLOW_SENSORS_PRIOR else 0
 
 
-# Errors of the model that all dives have in common
+# Errors of the model that all profiles have in common
 
 TURNING_MOTION = (
     *LATERAL,
@@ -78,26 +78,26 @@ _SINGULAR = 1e-12
 """Ratio to the largest eigenvalue below which a combination of the errors has no information."""
 
 
-def inflation_ratios(parameters: Sequence[HullParameter], dives: int, settings: RoundSettings) -> Array:
+def inflation_ratios(parameters: Sequence[HullParameter], profiles: int, settings: RoundSettings) -> Array:
     """Ratio ``(p, p)`` of the variance of the summed score to the sum of the stated variances, by pairs of parameters.
 
     Notes
     -----
-    The errors that ``n`` dives share add ``n misfit`` times the stated variance, and ``n turning_misfit`` times more
+    The errors that ``n`` profiles share add ``n misfit`` times the stated variance, and ``n turning_misfit`` times more
     among the terms of sway, roll, yaw and the actuators' lag.
     """
     turning = np.isin([parameter.key for parameter in parameters], TURNING_MOTION)
     both_turning = np.outer(turning, turning)
-    return np.asarray(1.0 + dives * (settings.misfit + settings.turning_misfit * both_turning))
+    return np.asarray(1.0 + profiles * (settings.misfit + settings.turning_misfit * both_turning))
 
 
 def with_inflated_variance(score: Array, information: Array, ratios: Array) -> tuple[Array, Array]:
-    """Score and information of a dive, reduced by the variance of errors that all dives have in common.
+    """Score and information of a profile, reduced by the variance of errors that all profiles have in common.
 
     Parameters
     ----------
     score, information : (p,), (p, p)
-        Score ``g`` and information ``I`` of the dive.
+        Score ``g`` and information ``I`` of the profile.
     ratios : (p, p)
         Ratios of `inflation_ratios`.
 

@@ -1,6 +1,6 @@
-"""The turn test: a gain of the speed and an offset of the compass from currents that are similar from dive to dive.
+"""The turn test: a gain of the speed and an offset of the compass, from currents that are similar between profiles.
 
-When a glider changes course between dives, an error of its own speed or heading turns with it and a current does not
+When a glider changes course between profiles, an error of its own speed or heading turns with it and a current does not
 (Todd, Rudnick, Sherman, Owens & George 2017, J. Atmos. Oceanic Technol. 34, 309-333). In the sum over the mission the
 current is modelled as a mean plus a first-order Gauss-Markov departure, in addition to the hull's errors.
 """
@@ -22,24 +22,24 @@ _SECONDS_PER_DAY = 86400.0
 
 
 class TurnTestSettings(Settings):
-    """Settings of the turn test: changes of the current from dive to dive."""
+    """Settings of the turn test: changes of the current from profile to profile."""
 
-    use: bool = Field(False, description="whether currents are used, assumed to be similar from dive to dive")
+    use: bool = Field(False, description="whether currents are used, assumed to be similar from profile to profile")
     deviation: float = Field(
-        0.1, gt=0, description="standard deviation of a dive's current about the mission's mean, m/s"
+        0.1, gt=0, description="standard deviation of a profile's current about the mission's mean, m/s"
     )
     time: float = Field(1.0, gt=0, description="correlation time of these departures from the mean, days")
     mean: float = Field(0.3, gt=0, description="plausible standard deviation of the mean, m/s")
 
 
 @dataclass(frozen=True, eq=False)
-class DiveCurrent:
-    """Estimated depth-averaged current of a dive.
+class ProfileCurrent:
+    """Estimated depth-averaged current of a profile.
 
     Attributes
     ----------
     velocity : (2,)
-        Current, north and east, m/s, with the hull about which the dive was smoothed.
+        Current, north and east, m/s, with the hull about which the profile was smoothed.
     sensitivity : (2, p)
         Derivative of the mean velocity through the water with respect to the hull's errors, m/s per plausible
         deviation; the estimated current changes by the opposite amount.
@@ -52,7 +52,7 @@ class DiveCurrent:
     covariance: Array
 
     def information(self, point: Array) -> Information:
-        """Information on eta, mean and departure of the current, from a dive smoothed about a point (p,).
+        """Information on eta, mean and departure of the current, from a profile smoothed about a point (p,).
 
         Notes
         -----
@@ -76,7 +76,7 @@ def with_current(prior: Gaussian, settings: TurnTestSettings) -> Gaussian:
 
 
 def changes_with_current(changes: Sequence[Transition], seconds: Array, settings: TurnTestSettings) -> list[Transition]:
-    """Changes from dive to dive, extended by the current: the mean is constant, the departure decays with time."""
+    """Changes between profiles, extended by the current: the mean is constant, the departure decays with time."""
     extended = []
     for change, time in zip(changes, seconds, strict=True):
         # Accurate for short times too, where 1 - decay**2 would suffer from cancellation.
@@ -92,7 +92,7 @@ def changes_with_current(changes: Sequence[Transition], seconds: Array, settings
 
 
 def extended_information(term: Information) -> Information:
-    """Information of a dive's records on the hull, extended by the current's unknowns without any information."""
+    """Information of a profile's records on the hull, extended by the current's unknowns without any information."""
     return Information(
         np.concatenate([term.vector, np.zeros(UNKNOWNS)]),
         scipy.linalg.block_diag(term.matrix, np.zeros((UNKNOWNS, UNKNOWNS))),

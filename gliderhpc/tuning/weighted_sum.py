@@ -1,4 +1,4 @@
-"""Sum of the dives' information, with an inflation of their covariances and weights that make the dives agree."""
+"""Sum of the profiles' information, with an inflation of their covariances and weights that make the profiles agree."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,14 +11,14 @@ from gliderhpc.estimation.smoother.hull_errors import InformedDirections
 from gliderhpc.tuning.gaussian_chain import Array, Chain, Gaussian, Information, Transition, solve_chain
 
 _FIT_LEVEL = 0.99
-"""Probability of the quantile of chi-square up to which a dive has its full weight."""
+"""Probability of the quantile of chi-square up to which a profile has its full weight."""
 _ROUNDS = 4
 """Rounds in which inflation and weights are computed in turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class SumProblem:
-    """Prior of the unknowns, their changes between the dives, and the dives' information.
+    """Prior of the unknowns, their changes between the profiles, and the profiles' information.
 
     The information may have leading axes: several sums are then computed at once.
     """
@@ -29,27 +29,27 @@ class SumProblem:
 
     @cached_property
     def stacked(self) -> Information:
-        """Information of all dives."""
+        """Information of all profiles."""
         return Information.stacked(self.terms)
 
     @cached_property
     def informed(self) -> InformedDirections:
-        """Directions in which each dive has information."""
+        """Directions in which each profile has information."""
         return InformedDirections.of(self.stacked.matrix)
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedSum:
-    """Sum over ``n`` dives; derived quantities are computed once, when needed.
+    """Sum over ``n`` profiles; derived quantities are computed once, when needed.
 
     Attributes
     ----------
     problem : SumProblem
-        The dives.
+        The profiles.
     inflation : ()
-        Factor on the covariances of all dives.
+        Factor on the covariances of all profiles.
     weight : (n,)
-        Weight of each dive.
+        Weight of each profile.
     """
 
     problem: SumProblem
@@ -58,17 +58,17 @@ class WeightedSum:
 
     @classmethod
     def plain(cls, problem: SumProblem) -> "WeightedSum":
-        """Return the sum with each dive's stated covariance, without inflation or weights."""
+        """Return the sum with each profile's stated covariance, without inflation or weights."""
         leading = problem.terms[0].vector.shape[:-1]
         return cls(problem, np.ones(leading), np.ones((*leading, len(problem.terms))))
 
     def agreeing(self, least: float = 1.0) -> "WeightedSum":
-        """Return the sum with the inflation and the weights that make the dives agree, computed in turn.
+        """Return the sum with the inflation and the weights that make the profiles agree, computed in turn.
 
         Parameters
         ----------
         least : float
-            Minimum inflation. Below one, covariances are also reduced if the dives scatter less than stated.
+            Minimum inflation. Below one, covariances are also reduced if the profiles scatter less than stated.
         """
         total = self
         for _ in range(_ROUNDS):
@@ -86,26 +86,26 @@ class WeightedSum:
 
     @property
     def part(self) -> Array:
-        """Part (n,) of each dive's information that enters the sum."""
+        """Part (n,) of each profile's information that enters the sum."""
         return self.weight / self.inflation[..., None]
 
     @cached_property
     def chain(self) -> Chain:
-        """Distributions of the unknowns at every dive."""
+        """Distributions of the unknowns at every profile."""
         parts = np.moveaxis(self.part, -1, 0)
         terms = [term.weighted(part) for term, part in zip(self.problem.terms, parts, strict=True)]
         return solve_chain(self.problem.prior, self.problem.changes, terms)
 
     @cached_property
     def disagreements(self) -> tuple[Array, NDArray[np.int64]]:
-        """Chi-square and degrees of freedom of every dive, with full weight, relative to the rest."""
+        """Chi-square and degrees of freedom of every profile, with full weight, relative to the rest."""
         information, full_weight = self.problem.stacked, 1.0 / self.inflation[..., None]
         others = Gaussian.stacked(self.chain.smoothed).without(information.weighted(self.part))
         return others.disagreement(information.weighted(full_weight), self.problem.informed.weighted(full_weight))
 
 
 def _excess(chi_square: Array, freedom: NDArray[np.int64]) -> Array:
-    """Median over the dives of chi-square over the median of its distribution; one if no dive has information."""
+    """Median over the profiles of chi-square over the median of its distribution; one if no profile has information."""
     informative = freedom > 0
     ratio = chi_square / chi_square_quantile(0.5, np.maximum(freedom, 1))
     uninformed = ~informative.any(axis=-1, keepdims=True)

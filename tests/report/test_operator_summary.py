@@ -18,7 +18,7 @@ from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
 from gliderhpc.report.recent_hull import implausible_warning, recent_hull, trim_of
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange, Trim
-from gliderhpc.studies.hull import MissionDives
+from gliderhpc.studies.hull import MissionTerms
 
 HULL = read_platform("petrel-l")
 
@@ -72,8 +72,8 @@ def heavier(swift_store, monkeypatch):
         volume.key: np.full(8, 60.0 / volume.slope(HULL, 0.0)), pitch.key: np.full(8, 5.0),
     }  # fmt: skip
     every = dives(8, courses, seed=2, information=400.0)
-    monkeypatch.setattr(recent_hull_module, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, every, ()))
-    monkeypatch.setattr(recent_hull_module, "agreeing_dives", lambda _, mission, **__: (mission, None))
+    monkeypatch.setattr(recent_hull_module, "read_terms", lambda _, __: MissionTerms(HULL, PARAMETERS, every, ()))
+    monkeypatch.setattr(recent_hull_module, "agreeing_terms", lambda _, mission, **__: (mission, None))
     with open_for_reading(swift_store) as archive:
         yield archive
 
@@ -112,8 +112,8 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
 
 def test_a_quantity_that_the_dives_do_not_determine_is_left_out(swift_store, monkeypatch):
     vague = dives(4, {}, information=1e-3)
-    monkeypatch.setattr(recent_hull_module, "read_dives", lambda _, __: MissionDives(HULL, PARAMETERS, vague, ()))
-    monkeypatch.setattr(recent_hull_module, "agreeing_dives", lambda _, mission, **__: (mission, None))
+    monkeypatch.setattr(recent_hull_module, "read_terms", lambda _, __: MissionTerms(HULL, PARAMETERS, vague, ()))
+    monkeypatch.setattr(recent_hull_module, "agreeing_terms", lambda _, mission, **__: (mission, None))
     with open_for_reading(swift_store) as archive:
         assert list(trim_of(recent_hull(archive, 3))) == []
 

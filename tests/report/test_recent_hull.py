@@ -14,7 +14,7 @@ from gliderhpc.report.recent_hull import hull_changes, probability_above, recent
 from gliderhpc.report.studies import drift
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import HullChange
-from gliderhpc.studies.hull import MissionDives
+from gliderhpc.studies.hull import MissionTerms
 from gliderhpc.watch.alerts import Rules
 
 HULL = read_platform("petrel-l")
@@ -26,10 +26,10 @@ def _news_at(swift_store, monkeypatch, number, course):
     every = dives(COUNT, {"viscous.K_D0": course}, seed=4, information=60.0)
 
     def read(_, numbers):
-        return MissionDives(HULL, PARAMETERS, tuple(dive for dive in every if dive.number in numbers), ())
+        return MissionTerms(HULL, PARAMETERS, tuple(dive for dive in every if dive.number in numbers), ())
 
-    monkeypatch.setattr(module, "read_dives", read)
-    monkeypatch.setattr(module, "agreeing_dives", lambda _, mission, **__: (mission, None))
+    monkeypatch.setattr(module, "read_terms", read)
+    monkeypatch.setattr(module, "agreeing_terms", lambda _, mission, **__: (mission, None))
     monkeypatch.setattr(module, "done_profiles", lambda _: list(range(1, COUNT + 1)))
     with open_for_reading(swift_store) as archive:
         return {news.parameter: news for news in hull_changes(recent_hull(archive, number))}

@@ -14,7 +14,7 @@ from gliderhpc.report import recent_hull
 from gliderhpc.report.page.surfacing_page import hull_blocks
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.studies import hull as study
-from gliderhpc.studies.hull import MissionDives, agreeing_dives
+from gliderhpc.studies.hull import MissionTerms, agreeing_terms
 from gliderhpc.studies.library import depth_rate_check as module
 from gliderhpc.studies.library.depth_rate_check import (
     MOVING,
@@ -50,7 +50,7 @@ def glides(motion):
     assert np.isfinite(still).all()
     assert np.array_equal(still < 0.0, climbing)
     water = motion * np.sqrt(2.0) * np.sin(2.0 * np.pi * np.arange(len(up)) / (EACH / 2.0))
-    return GlideSamples(samples.dive, climbing, attitude, actuators, None, still - water)
+    return GlideSamples(samples.profile, climbing, attitude, actuators, None, still - water)
 
 
 def checked(samples, terms):
@@ -82,7 +82,7 @@ def test_a_hull_that_contradicts_its_glides_has_wider_intervals_until_it_does_no
     assert check.divisor > 10.0
     assert abs(found.overall.mean[DRAG]) < 1.96 * found.overall.std[DRAG]
     assert not compare(samples, HULL, PARAMETERS, found).contradicts
-    assert check.warning.startswith("the values of the hull that the dives gave contradict the depth rate")
+    assert check.warning.startswith("the values of the hull that the profiles gave contradict the depth rate")
     assert f"divided by {check.divisor:.0f}" in check.warning
     np.testing.assert_allclose(terms[3].score, BIASED[3].score / check.divisor)
     np.testing.assert_allclose(terms[3].information, BIASED[3].information / check.divisor)
@@ -104,7 +104,7 @@ def test_little_motion_calls_for_a_significant_contradiction():
 
 def test_too_few_glides_give_no_comparison():
     samples = glides(0.0)
-    few = module._part(samples, samples.dive < 3)
+    few = module._part(samples, samples.profile < 3)
     assert compare(few, HULL, PARAMETERS, solve_mission(HONEST, PRIOR)) is None
     assert checked(few, BIASED) == (BIASED, None)
 
@@ -116,8 +116,8 @@ def test_glides_of_an_archive_agree_with_its_hull(brief_store, monkeypatch):
         assert read_glides(archive, numbers, HULL) is None
         monkeypatch.setattr(module, "MIN_COMPARED", 1)
         samples = read_glides(archive, numbers, HULL)
-    assert set(samples.dive.tolist()) <= set(range(len(numbers)))
-    assert np.bincount(samples.dive).max() <= module._SAMPLES
+    assert set(samples.profile.tolist()) <= set(range(len(numbers)))
+    assert np.bincount(samples.profile).max() <= module._SAMPLES
     error = module._glide(samples, HULL, 0.0, 1.0).depth_rate - samples.depth_rate
     assert np.abs(np.median(error)) < 0.03
     assert np.abs(samples.depth_rate).min() > 0.05
@@ -125,21 +125,21 @@ def test_glides_of_an_archive_agree_with_its_hull(brief_store, monkeypatch):
 
 def test_the_study_warns_first_and_stores_the_figures(brief_store, monkeypatch):
     monkeypatch.setattr(study, "read_glides", lambda *_: glides(0.0177))
-    monkeypatch.setattr(study, "read_dives", lambda *_: MissionDives(HULL, PARAMETERS, BIASED, ()))
+    monkeypatch.setattr(study, "read_terms", lambda *_: MissionTerms(HULL, PARAMETERS, BIASED, ()))
     with open_for_reading(brief_store) as archive:
         request = SimpleNamespace(profiles=None)
         prepared = study.prepare(request, archive, (), study.HullSettings())
     assert prepared.remarks[0].startswith("the values of the hull")
     assert prepared.attributes["depth_rate_check"]["divisor"] > 10.0
-    divided, _ = study.combine_dives(prepared.inputs, study.HullSettings())
-    whole, _ = study.combine_dives(MissionDives(HULL, PARAMETERS, BIASED, ()), study.HullSettings())
+    divided, _ = study.combine_terms(prepared.inputs, study.HullSettings())
+    whole, _ = study.combine_terms(MissionTerms(HULL, PARAMETERS, BIASED, ()), study.HullSettings())
     drag = [p.key for p in PARAMETERS].index("viscous.K_D0")
     assert divided.std[-1, drag] > 2.0 * whole.std[-1, drag]
 
 
 def test_a_surfacing_message_and_its_page_carry_the_warning(brief_store, monkeypatch):
     monkeypatch.setattr(study, "read_glides", lambda *_: glides(0.0177))
-    monkeypatch.setattr(recent_hull, "read_dives", lambda *_: MissionDives(HULL, PARAMETERS, BIASED, ()))
+    monkeypatch.setattr(recent_hull, "read_terms", lambda *_: MissionTerms(HULL, PARAMETERS, BIASED, ()))
     with open_for_reading(brief_store) as archive:
         message = surfacing_message(archive, done_profiles(archive)[-1])
     assert message.hull_warning.startswith("the values of the hull")
@@ -150,8 +150,8 @@ def test_a_surfacing_message_and_its_page_carry_the_warning(brief_store, monkeyp
 
 def test_without_steady_glides_the_dives_stay_as_they_are(monkeypatch):
     monkeypatch.setattr(study, "read_glides", lambda *_: None)
-    mission = MissionDives(HULL, PARAMETERS, BIASED, ())
-    assert agreeing_dives(None, mission, robust=True) == (mission, None)
+    mission = MissionTerms(HULL, PARAMETERS, BIASED, ())
+    assert agreeing_terms(None, mission, robust=True) == (mission, None)
 
 
 def test_the_sum_of_the_dives_is_computed_once(monkeypatch):
@@ -162,12 +162,12 @@ def test_the_sum_of_the_dives_is_computed_once(monkeypatch):
         sums.append(solve_mission(*args, **kwargs))
         return sums[-1]
 
-    alone, changes = study.combine_dives(MissionDives(HULL, PARAMETERS, HONEST, ()), study.HullSettings())
+    alone, changes = study.combine_terms(MissionTerms(HULL, PARAMETERS, HONEST, ()), study.HullSettings())
     monkeypatch.setattr(study, "read_glides", lambda *_: glides(0.0))
     monkeypatch.setattr(study, "solve_mission", counted)
     monkeypatch.setattr(module, "solve_mission", counted)
-    mission, _ = agreeing_dives(None, MissionDives(HULL, PARAMETERS, HONEST, ()), robust=True)
-    found, again = study.combine_dives(mission, study.HullSettings())
+    mission, _ = agreeing_terms(None, MissionTerms(HULL, PARAMETERS, HONEST, ()), robust=True)
+    found, again = study.combine_terms(mission, study.HullSettings())
     assert sums == [found]
     assert mission.undivided is found
     np.testing.assert_array_equal(found.eta, alone.eta)

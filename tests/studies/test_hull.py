@@ -21,9 +21,9 @@ from gliderhpc.store_schema import check_archive, create_archive, create_study, 
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
-from gliderhpc.studies.hull import NAME, HullSettings, MissionDives, combine_dives, mission_hull, read_dives
+from gliderhpc.studies.hull import NAME, HullSettings, MissionTerms, combine_terms, mission_hull, read_terms
 from gliderhpc.studies.study import Plan, Preparation
-from gliderhpc.tuning.mission_hull import DiveTerm, solve_mission
+from gliderhpc.tuning.mission_hull import ProfileTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 
 HULL = read_platform("petrel-l")
@@ -32,7 +32,7 @@ SIZES = {"sample": 4, "record": 3, "window": 2, "segment": 1}
 
 def summed_up(terms, without=()):
     """Content of the group for some dives."""
-    mission = MissionDives(HULL, PARAMETERS, terms, without)
+    mission = MissionTerms(HULL, PARAMETERS, terms, without)
     settings = SimpleNamespace(robust=True, change=1.0)
     return mission, mission_hull(Plan(None, settings, (), {}, Preparation(inputs=mission), ()), {})
 
@@ -45,13 +45,13 @@ def history_of(mission, content):
     }
     changes = {name: ("suspect", values) for name, values in content.variables.items()}
     coordinates = {"profile": list(content.rows), "parameter": list(HULL_PARAMETERS), **content.labels}
-    days = np.array([(d.time - START) / np.timedelta64(1, "D") for d in mission.dives])
+    days = np.array([(d.time - START) / np.timedelta64(1, "D") for d in mission.terms])
     return shown_hull.HullHistory(HULL, xr.Dataset({**columns, **changes}, coordinates), days)  # fmt: skip
 
 
 def test_values_are_those_of_the_sum_in_the_units_of_the_platform_file():
     mission, content = summed_up(dives(6, {}), without=(9,))
-    found = solve_mission(mission.dives, mission.prior)
+    found = solve_mission(mission.terms, mission.prior)
     place = HULL_PARAMETERS.index("viscous.K_D0")
     drag = PARAMETERS[KEYS.index("viscous.K_D0")]
     eta, std = found.eta[3, KEYS.index("viscous.K_D0")], found.std[3, KEYS.index("viscous.K_D0")]
@@ -230,7 +230,7 @@ def test_an_archive_of_an_earlier_version_has_fewer_parameters(studied):
     later = ["viscous.K_q", "sensors.actuator_lag"]
     with open_mission(store) as archive:
         earlier, numbers = EarlierArchive(archive, later), done_profiles(archive)
-        whole, found = read_dives(archive, numbers), read_dives(earlier, numbers)
+        whole, found = read_terms(archive, numbers), read_terms(earlier, numbers)
         history = shown_hull.read_history(earlier, numbers)
     left = [p.key not in later for p in whole.parameters]
     assert found.parameters == tuple(np.array(whole.parameters)[left])
@@ -278,8 +278,8 @@ def test_the_battery_s_zero_may_move_with_the_weight(gradual):
             rows = math.sqrt(60.0) * rng.standard_normal((20, len(keys)))
             score = rows.T @ (rows @ now + rng.standard_normal(20))
             time = np.datetime64("2024-01-01") + np.timedelta64(12 * i, "h")
-            dives.append(DiveTerm(i + 1, time, np.zeros(len(keys)), score, rows.T @ rows))
-        found, changes = combine_dives(MissionDives(hull, parameters, tuple(dives), ()), HullSettings())
+            dives.append(ProfileTerm(i + 1, time, np.zeros(len(keys)), score, rows.T @ rows))
+        found, changes = combine_terms(MissionTerms(hull, parameters, tuple(dives), ()), HullSettings())
         assert changes[volume].probability > 0.9
         last = found.smoothed[-1]
         off.append((last.mean - now)[battery] / last.std[battery])

@@ -4,7 +4,7 @@ import numpy as np
 
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.platform import read_platform
-from gliderhpc.tuning.mission_hull import DiveTerm
+from gliderhpc.tuning.mission_hull import ProfileTerm
 
 PARAMETERS = hull_parameters(read_platform("petrel-l"))
 KEYS = [p.key for p in PARAMETERS]
@@ -23,7 +23,7 @@ def dives(count, courses, seed=0, information=30.0):
         matrix = information * np.eye(len(KEYS))
         score = matrix @ truth + np.sqrt(information) * rng.standard_normal(len(KEYS))
         time = START + np.timedelta64(6 * n, "h")
-        terms.append(DiveTerm(n + 1, time, np.zeros(len(KEYS)), score, matrix))
+        terms.append(ProfileTerm(n + 1, time, np.zeros(len(KEYS)), score, matrix))
     return tuple(terms)
 
 
@@ -40,4 +40,4 @@ def dive(rng, truth, number, *, rank=P, size=30.0, hours=6.0, point=None, curren
     values, vectors = np.linalg.eigh(matrix)
     noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(P))
     time = START + np.timedelta64(int(hours * 3600 * number), "s")
-    return DiveTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current=current)
+    return ProfileTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current=current)

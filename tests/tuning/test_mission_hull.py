@@ -9,13 +9,13 @@ from support.hull_dives import START, P, dive, information
 
 from gliderhpc.tuning.gaussian_chain import Gaussian, Information, Transition, about, solve_chain
 from gliderhpc.tuning.mission_hull import (
-    DiveTerm,
     HullPrior,
+    ProfileTerm,
     predicted_disagreement,
     solve_mission,
     widen_by_disagreement,
 )
-from gliderhpc.tuning.turn_test import DiveCurrent, TurnTestSettings
+from gliderhpc.tuning.turn_test import ProfileCurrent, TurnTestSettings
 
 
 def test_chain_is_the_dense_posterior():
@@ -145,7 +145,7 @@ def test_a_held_out_dive_is_predicted():
 
 def test_directions_say_what_is_determined():
     root = np.array([[1.0, 1.0, 0.0, 0.0, 0.0]])
-    dives = [DiveTerm(n, START, np.zeros(P), np.zeros(P), 50.0 * root.T @ root) for n in range(3)]
+    dives = [ProfileTerm(n, START, np.zeros(P), np.zeros(P), 50.0 * root.T @ root) for n in range(3)]
     ratio, vectors = solve_mission(dives, HullPrior.plausible(np.zeros(P))).directions()
     assert ratio[0] == pytest.approx(1.0 / np.sqrt(1.0 + 3 * 50.0 * 2.0))
     np.testing.assert_allclose(np.abs(vectors[0]), np.abs(root[0]) / np.sqrt(2.0), atol=1e-9)
@@ -160,7 +160,7 @@ def currents_of(rng, error, headings, *, drift=(0.05, -0.1), noise=0.005):
         sensitivity = np.zeros((2, P))
         sensitivity[:, 0], sensitivity[:, 1] = along, speed * across
         velocity = np.array(drift) + sensitivity[:, :2] @ error + noise * rng.standard_normal(2)
-        found.append(DiveCurrent(velocity, sensitivity, noise**2 * np.eye(2)))
+        found.append(ProfileCurrent(velocity, sensitivity, noise**2 * np.eye(2)))
     return found
 
 
@@ -170,7 +170,7 @@ def test_turns_separate_speed_and_compass_from_a_current(headings, separate):
     rng = np.random.default_rng(11)
     error, nothing = np.array([0.03, 0.05]), np.zeros((P, P))
     dives = [
-        DiveTerm(n, START + np.timedelta64(6 * n, "h"), np.zeros(P), np.zeros(P), nothing, current=current)
+        ProfileTerm(n, START + np.timedelta64(6 * n, "h"), np.zeros(P), np.zeros(P), nothing, current=current)
         for n, current in enumerate(currents_of(rng, error, headings))
     ]
     prior = HullPrior(Gaussian(np.zeros(P), np.diag([0.05**2, 0.1**2, 1.0, 1.0, 1.0])), np.zeros(P))
@@ -185,7 +185,7 @@ def test_the_currents_likelihood_is_the_dense_one():
     """Information of one current against conditioning the joint normal of eta, current and observation."""
     rng = np.random.default_rng(12)
     point = rng.standard_normal(P)
-    current = DiveCurrent(rng.standard_normal(2), rng.standard_normal((2, P)), np.diag([0.01, 0.04]))
+    current = ProfileCurrent(rng.standard_normal(2), rng.standard_normal((2, P)), np.diag([0.01, 0.04]))
     wide = Gaussian(np.zeros(P + 4), np.diag([1.0] * P + [0.09, 0.09, 0.01, 0.01]))
     after, evidence = wide.updated(current.information(point))
     design = np.hstack([current.sensitivity, np.eye(2), np.eye(2)])

@@ -2,8 +2,8 @@
 
 In the smoother's model the water acts on a glider by forces. Water that moves vertically also carries it, which is not
 a force. The smoother explains some of this motion by a hull with less drag and lift, which forces move more, and it
-does so in every dive. The mean depth rate of steady glides contradicts such a hull: over many glides, the water's
-motion averages out. Where the two disagree, the dives' information is divided by a number that makes them agree.
+does so in every profile. The mean depth rate of steady glides contradicts such a hull: over many glides, the water's
+motion averages out. Where the two disagree, the profiles' information is divided by a number that makes them agree.
 """
 
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ from gliderhpc.studies.library.vertical_velocity import (
     undisturbed,
 )
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.mission_hull import MIN_COMPARED, DiveTerm, MissionHull, solve_mission
+from gliderhpc.tuning.mission_hull import MIN_COMPARED, MissionHull, ProfileTerm, solve_mission
 
 Array = NDArray[np.float64]
 
-MAX_DIVES = 24
-"""Largest number of dives that are compared, evenly distributed over the mission."""
+MAX_PROFILES = 24
+"""Largest number of profiles that are compared, evenly distributed over the mission."""
 
 MODEL_ERROR = 0.002
 """Standard deviation of the mean depth rate of the still-water glide due to its simplifications, m/s; about 0.001 on
@@ -46,7 +46,7 @@ MOVING = 0.005
 
 _PITCH = ("sensors.pitch_offset", "sensors.pitch_scale")
 _SAMPLES = 120
-"""Largest number of samples of a dive that are compared."""
+"""Largest number of samples of a profile that are compared."""
 _DIFFERENCE = 0.05
 """Difference, in plausible deviations, of the derivatives."""
 _PROBABILITY = 0.99
@@ -65,8 +65,8 @@ class GlideSamples:
 
     Attributes
     ----------
-    dive : (n,) of int
-        Index of the dive of each sample.
+    profile : (n,) of int
+        Index of the profile of each sample.
     climbing : (n,) of bool
         Mask of the samples with a negative depth rate.
     attitude : MeasuredAttitude
@@ -77,7 +77,7 @@ class GlideSamples:
         Measured depth rate, m/s.
     """
 
-    dive: NDArray[np.int64]
+    profile: NDArray[np.int64]
     climbing: NDArray[np.bool_]
     attitude: MeasuredAttitude
     actuators: Array
@@ -112,11 +112,11 @@ class DepthRateCheck:
     dive, climb : float
         Mean depth rate of the hull minus the measured one, on dives and climbs, m/s.
     dive_std, climb_std : float
-        Their standard deviations, from the hull's covariance and from the scatter of the dives.
+        Their standard deviations, from the hull's covariance and from the scatter of the profiles.
     chi_square : float
         Chi-square of the two means.
     divisor : float
-        Number by which the information of all dives is divided.
+        Number by which the information of all profiles is divided.
     """
 
     motion: float
@@ -142,16 +142,16 @@ class DepthRateCheck:
         within = f"{100.0 * self.motion:.1f} cm/s within a dive or climb (root mean square)"
         if self.contradicts:
             return (
-                "the values of the hull that the dives gave contradict the depth rate of the steady glides by "
+                "the values of the hull that the profiles gave contradict the depth rate of the steady glides by "
                 f"{_cm(self.dive, self.dive_std)} on dives and {_cm(self.climb, self.climb_std)} on climbs, as where "
                 "water moves vertically or its density is not that of the model; the depth rate varies by "
-                f"{within} more than the hull explains; the dives' information was divided by {self.divisor:.0f}, "
+                f"{within} more than the hull explains; the profiles' information was divided by {self.divisor:.0f}, "
                 "which widens the intervals until the two agree; do not ballast or trim by these values"
             )
         if self.motion > MOVING:
             return (
                 "the water moves vertically, or its density is not that of the model: the depth rate varies by "
-                f"{within} more than the hull explains; such motion may shift drag and lift in every dive alike, "
+                f"{within} more than the hull explains; such motion may shift drag and lift in every profile alike, "
                 "although the mean depth rate does not contradict the values"
             )
         return ""
@@ -162,8 +162,8 @@ def _cm(mean: float, std: float) -> str:
 
 
 def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) -> GlideSamples | None:
-    """Read the steady glides of at most `MAX_DIVES` dives; None if fewer than four have them on dive and climb."""
-    chosen = np.linspace(0, len(numbers) - 1, min(MAX_DIVES, len(numbers))).round().astype(int).tolist()
+    """Read the steady glides of at most `MAX_PROFILES` profiles; None if too few have them on dive and climb."""
+    chosen = np.linspace(0, len(numbers) - 1, min(MAX_PROFILES, len(numbers))).round().astype(int).tolist()
     profiles = read_recorded_profiles(archive, [numbers[i] for i in chosen])
     sampled = [_samples(profile, i) for profile, i in zip(profiles, chosen, strict=True)]
     parts = [part for part in sampled if part is not None]
@@ -171,23 +171,23 @@ def read_glides(archive: Archive, numbers: Sequence[int], platform: Platform) ->
         return None
     samples = _joined(parts)
     glides = _part(samples, np.isfinite(_glide(samples, platform, 0.0, 1.0).depth_rate))
-    dives = [dive for dive in np.unique(glides.dive) if _has_both_legs(glides, glides.dive == dive)]
-    return _part(glides, np.isin(glides.dive, dives)) if len(dives) >= MIN_COMPARED else None
+    complete = [index for index in np.unique(glides.profile) if _has_both_legs(glides, glides.profile == index)]
+    return _part(glides, np.isin(glides.profile, complete)) if len(complete) >= MIN_COMPARED else None
 
 
-def _has_both_legs(glides: GlideSamples, of_dive: NDArray[np.bool_]) -> bool:
-    return of_dive.sum() > _LEGS and len(np.unique(glides.climbing[of_dive])) == _LEGS
+def _has_both_legs(glides: GlideSamples, of_profile: NDArray[np.bool_]) -> bool:
+    return of_profile.sum() > _LEGS and len(np.unique(glides.climbing[of_profile])) == _LEGS
 
 
 def _joined(parts: Sequence[GlideSamples]) -> GlideSamples:
     columns = ("roll", "pitch", "turn_rate", "depth")
     attitude = MeasuredAttitude(*(np.concatenate([getattr(part.attitude, name) for part in parts]) for name in columns))
-    dive, climbing, actuators, rate = (
+    profile, climbing, actuators, rate = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ("dive", "climbing", "actuators", "depth_rate")
+        for name in ("profile", "climbing", "actuators", "depth_rate")
     )
     waters = [part.water for part in parts if part.water is not None]
-    return GlideSamples(dive, climbing, attitude, actuators, np.concatenate(waters) if waters else None, rate)
+    return GlideSamples(profile, climbing, attitude, actuators, np.concatenate(waters) if waters else None, rate)
 
 
 def _samples(data: RecordedProfile, index: int) -> GlideSamples | None:
@@ -214,7 +214,7 @@ def _samples(data: RecordedProfile, index: int) -> GlideSamples | None:
 
 def _part(samples: GlideSamples, mask: NDArray[np.bool_]) -> GlideSamples:
     return GlideSamples(
-        samples.dive[mask], samples.climbing[mask], samples.attitude.select(mask), samples.actuators[mask],
+        samples.profile[mask], samples.climbing[mask], samples.attitude.select(mask), samples.actuators[mask],
         None if samples.water is None else samples.water[mask], samples.depth_rate[mask],
     )  # fmt: skip
 
@@ -269,15 +269,15 @@ def compare(
     hull: MissionHull,
     near: HullGlides | None = None,
 ) -> DepthRateCheck | None:
-    """Compare the hull of a mission with the depth rates of its steady glides; None if fewer than four dives have them.
+    """Compare the hull of a mission with the depth rates of its steady glides; None if too few profiles have them.
 
     ``near`` are the glides of a similar hull, whose derivatives are taken; by default those at the mean of ``hull``.
 
     Notes
     -----
     The mean residuals of dives and climbs have the covariance ``J C J' + S / n + s^2 1``: the hull's covariance through
-    the derivatives of the means, the scatter of the residuals between ``n`` dives, and `MODEL_ERROR`. The motion within
-    a leg is the residual of a fit of the errors, with their prior, to the deviations from the legs' means.
+    the derivatives of the means, the scatter of the residuals between ``n`` profiles, and `MODEL_ERROR`. The motion
+    within a leg is the residual of a fit of the errors, with their prior, to the deviations from the legs' means.
     """
     chosen = _chosen(parameters)
     errors: Gaussian = hull.overall
@@ -287,8 +287,8 @@ def compare(
     at_mean = _hull_glide(samples, platform, parameters, errors.mean[chosen], near.at).depth_rate - samples.depth_rate
     known = np.isfinite(at_mean + slopes.sum(axis=1))
     legs = [
-        [known & (samples.dive == dive) & (samples.climbing == up) for up in (False, True)]
-        for dive in np.unique(samples.dive)
+        [known & (samples.profile == index) & (samples.climbing == up) for up in (False, True)]
+        for index in np.unique(samples.profile)
     ]
     legs = [pair for pair in legs if all(leg.any() for leg in pair)]
     if len(legs) < MIN_COMPARED:
@@ -320,14 +320,14 @@ def check_hull(
     samples: GlideSamples,
     platform: Platform,
     parameters: Sequence[HullParameter],
-    dives: Sequence[DiveTerm],
+    terms: Sequence[ProfileTerm],
     undivided: MissionHull,
     *,
     robust: bool = True,
 ) -> DepthRateCheck | None:
-    """Compare the sum of the dives with the depth rates of steady glides, and find the divisor if the two disagree.
+    """Compare the sum of the terms with the depth rates of steady glides, and find the divisor if the two disagree.
 
-    ``undivided`` is the sum of their undivided information. If the depth rates contradict it, the divisor of the dives'
+    ``undivided`` is the sum of their undivided information. If the depth rates contradict it, the divisor of the terms'
     information is the number that brings chi-square to its expectation; otherwise it is one. All other figures are
     those of the undivided information, at whose mean the derivatives are taken.
     """
@@ -337,10 +337,10 @@ def check_hull(
         if first is None or not first.contradicts:
             return first
         divisor = undivided.inflation  # Up to it, a divisor only takes its place.
-        # Step by step, since a hull that hardly any dive determines may contradict the depth rates again.
+        # Step by step, since a hull that hardly any profile determines may contradict the depth rates again.
         for _ in range(_ROUNDS):
             divisor *= _MIN_FACTOR if now is None else max(now.chi_square / _LEGS, _MIN_FACTOR)
-            hull = solve_mission([dive.weakened(divisor) for dive in dives], undivided.prior, robust=robust)
+            hull = solve_mission([term.weakened(divisor) for term in terms], undivided.prior, robust=robust)
             now = compare(samples, platform, parameters, hull, near)
             if now is not None and now.chi_square <= _LEGS:
                 break

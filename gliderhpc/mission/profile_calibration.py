@@ -1,4 +1,4 @@
-"""Calibration of a hull on whole dives, starting from the fit of its trim to the steady glides."""
+"""Calibration of a hull on whole profiles, starting from the fit of its trim to the steady glides."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -32,12 +32,12 @@ from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 OpenExecutor = Callable[[], AbstractContextManager[Executor]]
 Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
-"""Function that opens a progress display for a number of dives and yields the function that advances it."""
+"""Function that opens a progress display for a number of profiles and yields the function that advances it."""
 
 _JUDGED_QUANTITIES = 2
 """Number of quantities of the steady balance by which the hull found in the rounds is judged: depth rate and pitch.
-Roll and rate of turn also respond to moments exerted by the moving water. The dives separate these from errors in the
-hull's own moments; the steady balance does not."""
+Roll and rate of turn also respond to moments exerted by the moving water. The profiles separate these from errors in
+the hull's own moments; the steady balance does not."""
 
 _MIN_PROBABILITY = 0.01
 """Minimum prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
@@ -50,8 +50,8 @@ def no_progress(_: int) -> Iterator[Callable[[], None]]:
 
 
 @dataclass(frozen=True, eq=False)
-class DiveCalibration:
-    """Calibration on whole dives.
+class ProfileCalibration:
+    """Calibration on whole profiles.
 
     Attributes
     ----------
@@ -73,8 +73,8 @@ class DiveCalibration:
 
 
 @dataclass(frozen=True, eq=False)
-class DiveCalibrationInputs:
-    """Inputs of a calibration on whole dives.
+class ProfileCalibrationInputs:
+    """Inputs of a calibration on whole profiles.
 
     Attributes
     ----------
@@ -106,17 +106,17 @@ class DiveCalibrationInputs:
         return np.unique(self.segments.profile).tolist(), np.unique(self.held_out.profile).tolist()
 
 
-def calibrate_on_dives(
-    inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
-) -> DiveCalibration:
-    """Calibrate on the dives that have steady segments.
+def calibrate_on_profiles(
+    inputs: ProfileCalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
+) -> ProfileCalibration:
+    """Calibrate on the profiles that have steady segments.
 
     Parameters
     ----------
-    inputs : DiveCalibrationInputs
+    inputs : ProfileCalibrationInputs
         Records, hulls and settings.
     executor, progress : callable
-        Functions that open the executor for the dives and the progress display.
+        Functions that open the executor for the profiles and the progress display.
 
     Raises
     ------
@@ -128,17 +128,17 @@ def calibrate_on_dives(
     _check_plausible(rounds)
     if not glides_stably(Glider(rounds.platform)):
         raise CalibrationError(
-            "calibration: the hull that fits the dives best has no stable dive and climb; start from another platform, "
+            "calibration: the hull that fits the profiles best has no stable glide; start from another platform, "
             "or choose other `profiles`"
         )
     errors = errors_in_units(rounds.base, rounds.parameters, rounds.errors.mean, rounds.errors.covariance)
     hull = with_deviations_of(inputs.platform, with_covariance(rounds.platform, errors))
     fitted, held_out = _score_on_glides(inputs, hull)
-    return DiveCalibration(hull, rounds, fitted, held_out, inputs.settings.rounds.tolerance)
+    return ProfileCalibration(hull, rounds, fitted, held_out, inputs.settings.rounds.tolerance)
 
 
-def _run_rounds(inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress) -> HullRounds:
-    """Estimate the hull in rounds over the dives."""
+def _run_rounds(inputs: ProfileCalibrationInputs, executor: OpenExecutor, progress: Progress) -> HullRounds:
+    """Estimate the hull in rounds over the profiles."""
     base, settings = inputs.base, inputs.settings
     # If the rudder moved, its coefficient is stated explicitly, which makes it one of the hull's parameters.
     if inputs.segments.actuators[:, 3].any() or inputs.held_out.actuators[:, 3].any():
@@ -152,7 +152,7 @@ def _run_rounds(inputs: DiveCalibrationInputs, executor: OpenExecutor, progress:
         return rounds.run(inputs.start, inputs.rounds, advance)
 
 
-def _score_on_glides(inputs: DiveCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
+def _score_on_glides(inputs: ProfileCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
     """Score a hull on the steady glides of the fitted and of the held-out profiles.
 
     Raises
@@ -166,7 +166,7 @@ def _score_on_glides(inputs: DiveCalibrationInputs, hull: Platform) -> tuple[Sco
             shared = [_shared_segments(inputs.observations, hull, each, inputs.settings) for each in segments]
         except InputError as error:
             raise CalibrationError(
-                f"calibration: steady glides of the hull that fits the dives best: {error}"
+                f"calibration: steady glides of the hull that fits the profiles best: {error}"
             ) from error
         numbered = list(zip(inputs.numbers, shared, strict=True))
         fitted, held_out = (_score(inputs.platform, hull, *each) for each in numbered)
@@ -191,7 +191,7 @@ def _check_plausible(rounds: HullRounds) -> None:
     if probability < _MIN_PROBABILITY:
         largest = int(np.abs(rounds.eta).argmax())
         raise CalibrationError(
-            f"calibration: the hull that fits the dives best is farther from {rounds.base.name} than its plausible "
+            f"calibration: the hull that fits the profiles best is farther from {rounds.base.name} than its plausible "
             f"deviations allow ({rounds.parameters[largest].key} by {rounds.eta[largest]:+.1f} of them; chi-square "
             f"{distance:.0f}, expected {expected:.0f}): motion of the water can act like errors of the hull; if the "
             "hull does differ that much, give larger uncertainty.deviation in the platform file (with a measured "
