@@ -2,28 +2,21 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from gliderhpc.api.records import kind_by_name
-from gliderhpc.api.workers import executor_of
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import locked
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
-from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.files.landing import (
     FileState,
@@ -36,18 +29,15 @@ from gliderhpc.observations.files.landing import (
     unchanged,
 )
 from gliderhpc.observations.files.stored_reads import StoredReads
-from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
 from gliderhpc.report.dive_plan import DivePlan, read_plan
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
-from gliderhpc.store_schema import is_archive, read_profiles
-from gliderhpc.store_schema.commits import is_begun
+from gliderhpc.store_schema import is_archive
 from gliderhpc.store_schema.location import Location
-from gliderhpc.store_schema.rows import read_attributes
-from gliderhpc.version import __version__
+from gliderhpc.watch.inversion import WatchWorkers, invert_new
 from gliderhpc.watch.records import OBSERVATIONS, FileImport, is_candidate, truncated_missions
 from gliderhpc.watch.state import ReportedDive, WatchState, changes_since, read_state, was_current_reported
 from gliderhpc.watch.versions import accept_or_restore, back_up_version, remove_backups
@@ -63,9 +53,6 @@ COPIES = "files"
 
 CACHED_READS = "read"
 """Name of the folder with the results of reading these copies."""
-
-_CHECKED = 20
-"""Number of dives at the end of the archive that are checked for damage with each new dive."""
 
 
 @dataclass(frozen=True)
@@ -308,23 +295,7 @@ class Watch:
 
     def _invert(self, observations: Observations, new: int) -> None:
         watched = self.watched
-        numbers = select_profiles(observations.profile_numbers, None)
-        waiting, grows = len(numbers), continues_archive(watched.store, numbers)
-        if grows:
-            waiting = max(1, count_waiting(watched.store, numbers, new, watched.platform, watched.settings))
-        else:
-            log.warning("%s: a dive arrived after later ones; the archive is rebuilt", watched.store)
-        workers = self._workers.number_for(waiting)
-        prepared = prepare_mission(
-            observations, watched.platform, watched.settings, None, workers, on_cluster=False, warn=log.warning
-        )
-        run_mission(
-            prepared,
-            watched.store,
-            lambda: nullcontext(self._workers.open(min(prepared.workers, waiting))),
-            existing=Existing.APPEND if grows else Existing.OVERWRITE,
-            check_last=_CHECKED,
-        )
+        invert_new(observations, new, watched.platform, watched.settings, watched.store, self._workers)
 
     def _report(self, observations: Observations, number: int, digest: str) -> None:
         """Report one dive: write its message and page, call the listener, and then record that it was reported."""
@@ -376,27 +347,6 @@ class Watch:
             return None
 
 
-def continues_archive(store: Location, numbers: Iterable[int]) -> bool:
-    """Return whether profiles continue those of an archive; true if there is no archive yet.
-
-    Raises
-    ------
-    InputError
-        The archive contains a profile that is not among them, so it is another mission's.
-    """
-    if not _has_archive(store):
-        return True
-    before, after = list(read_profiles(store)), list(numbers)
-    foreign = sorted(set(before) - set(after))
-    if foreign:
-        raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another `store`")
-    return after[: len(before)] == before
-
-
-def _has_archive(store: Location) -> bool:
-    return is_begun(store) and is_archive(store)
-
-
 def _file_name(number: int, start: np.datetime64) -> str:
     """Return the name of a dive's message; it includes the time, since a late file can change the numbers."""
     stamp = str(np.datetime_as_string(start, unit="s")).replace("-", "").replace(":", "")
@@ -424,59 +374,3 @@ def open_watch(watched: WatchInputs, listener: Listener) -> Iterator[Watch]:
         (watched.out / name).mkdir(parents=True, exist_ok=True)
     with locked(watched.out), closing(Watch(watched, listener, read_state(watched.out))) as watch:
         yield watch
-
-
-# Workers: this process for a single new dive, one process per core for several
-
-
-@dataclass
-class WatchWorkers:
-    """Executor of a watch, which stays open, since starting workers for every dive would take seconds each time.
-
-    Attributes
-    ----------
-    number : int or None
-        Number of worker processes; None to choose it by the number of dives.
-    engine : str
-        Engine of the windows, whose kernels are loaded before the first dive.
-    """
-
-    number: int | None
-    engine: str
-    _contexts: ExitStack = field(default_factory=ExitStack, init=False)
-    _opened: tuple[int, Executor] | None = field(default=None, init=False)
-
-    def number_for(self, dives: int) -> int | None:
-        """Return the number of worker processes for a number of dives; None for one per core.
-
-        In this process, a single dive uses a second thread, and no worker has to be started.
-        """
-        return 0 if self.number is None and dives == 1 else self.number
-
-    def open(self, workers: int) -> Executor:
-        """Return the executor with a number of worker processes."""
-        if self._opened is None or self._opened[0] != workers:
-            self.close()
-            opening = executor_of(workers, warm=partial(warm_kernels, self.engine))
-            self._opened = workers, self._contexts.enter_context(opening())
-        return self._opened[1]
-
-    def close(self) -> None:
-        """End the worker processes."""
-        self._opened = None
-        self._contexts.close()
-
-
-def count_waiting(
-    store: Location, numbers: Sequence[int], new: int, platform: Platform, settings: MissionSettings
-) -> int:
-    """Count the dives that will be inverted: the new ones, or all if hull, settings or program have changed."""
-    if not _has_archive(store):
-        return len(numbers)
-    made_with = read_attributes(store)
-    now = {
-        "platform": platform.model_dump(mode="json"),
-        "settings": settings.model_dump(mode="json"),
-        "software_version": __version__,
-    }
-    return new if all(made_with.get(name) == value for name, value in now.items()) else len(numbers)

@@ -7,7 +7,7 @@ import pytest
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.studies.archived import platform_of
-from gliderhpc.watch.watcher import WatchWorkers, count_waiting
+from gliderhpc.watch.inversion import WatchWorkers, count_waiting
 
 pytestmark = pytest.mark.compiled
 
