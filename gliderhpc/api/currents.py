@@ -10,8 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.estimation.current_rows import current_row, fix_row, surface_drift_row
-from gliderhpc.estimation.currents import describe_implausible_current
+from gliderhpc.estimation.currents import current_row, describe_implausible_current, fix_row, surface_drift_row
 from gliderhpc.estimation.glide_currents import (
     GlideErrors,
     GlideTrack,

@@ -12,16 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.estimation.current_errors import CurrentErrors
-from gliderhpc.estimation.current_rows import component_row, current_row, fix_row, surface_drift_row
 from gliderhpc.estimation.currents import (
     DepthAveragedCurrent,
     DriftSegment,
     SurfaceInterval,
     Track,
+    component_row,
     current_from_displacement,
+    current_row,
     cycles_of,
     depth_averaged_current,
+    fix_row,
     single_cycle,
+    surface_drift_row,
     track_of,
     with_disagreement,
 )
