@@ -1,4 +1,4 @@
-"""Wording of messages: numbers of things, and the most frequent of several reasons."""
+"""Wording of messages: numbers of things, beginnings of sentences, and the most frequent of several reasons."""
 
 import re
 from collections import Counter
@@ -16,6 +16,11 @@ def counted(count: int, one: str, several: str = "") -> str:
         Name of the things in the singular and in the plural; by default the plural has an ``s`` at its end.
     """
     return f"{count} {one if count == 1 else several or f'{one}s'}"
+
+
+def capitalised(text: str) -> str:
+    """Return a text with a capital first letter; the others, as in names, are unchanged."""
+    return text[:1].upper() + text[1:]
 
 
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")

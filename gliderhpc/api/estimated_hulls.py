@@ -20,6 +20,7 @@ from gliderhpc.tuning.calibration import Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.wording import capitalised
 
 _MAX_ERROR = 100.0
 """Largest error of a logarithm that is shown as a factor; a number without information has none."""
@@ -189,7 +190,7 @@ class HullFromGlides(CalibratedHull):
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration, with its warnings."""
         made = calibration_report.provenance(self.calibration, observations, digest, assignments)
-        return " ".join([made, *(f"{text[0].upper()}{text[1:]}." for text in (self.failure, self.caution) if text)])
+        return " ".join([made, *(f"{capitalised(text)}." for text in (self.failure, self.caution) if text)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -13,7 +13,7 @@ from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.calibration_search import FIRST_SCALES, CalibrationVerdict
 from gliderhpc.tuning.segment_errors import LATERAL
 from gliderhpc.version import __version__
-from gliderhpc.wording import counted
+from gliderhpc.wording import capitalised, counted
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "scatter", "remark")
 DIRECTIONS = ("singular value", "main parameters")
@@ -90,7 +90,7 @@ def score_rows(fitted: Score, held_out: Score) -> list[tuple[str, ...]]:
 
 def notes(calibration: Calibration) -> list[str]:
     """Return remarks that supplement the tables, without the warnings."""
-    lines = [profiles_text(calibration)]
+    lines = [describe_fitted_profiles(calibration)]
     if any(p.parameter is TREND for p in calibration.parameters):
         lines.append(f"the neutral volume is that at {np.datetime_as_string(calibration.reference_time, unit='m')} UTC")
     if calibration.platform.buoyancy.compressibility is not None:
@@ -150,10 +150,9 @@ def score_notes(fitted: Score, held_out: Score) -> list[str]:
 
 def provenance(calibration: Calibration, observations: str, digest: str, assignments: Sequence[str]) -> str:
     """Describe the calibration for the platform file: data, profiles, overrides, parameters and errors."""
-    overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
-        f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
-        *(line[0].upper() + line[1:] for line in (*notes(calibration), *warnings(calibration))),
+        describe_origin("Calibrated by `gliderhpc calibrate`", observations, digest, assignments),
+        *map(capitalised, (*notes(calibration), *warnings(calibration))),
         "; ".join(_sentence(p) for p in calibration.parameters if p.verdict is CalibrationVerdict.ESTIMATED),
         *(
             score_sentence(name, score)
@@ -164,7 +163,13 @@ def provenance(calibration: Calibration, observations: str, digest: str, assignm
     return ". ".join(filter(None, sentences)) + "."
 
 
-def profiles_text(calibration: Calibration) -> str:
+def describe_origin(made: str, observations: str, digest: str, assignments: Sequence[str]) -> str:
+    """Describe the origin of an estimated hull: what made it, version, records with their digest, and overrides."""
+    overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
+    return f"{made} {__version__} on {observations} (sha256 {digest[:12]}){overrides}"
+
+
+def describe_fitted_profiles(calibration: Calibration) -> str:
     """Describe the fitted and the held-out profiles."""
     apart = f"; held out {_numbers(calibration.held_out)}" if calibration.held_out.segments else ""
     return f"fitted on {_numbers(calibration.fitted)}{apart}"

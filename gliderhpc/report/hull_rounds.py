@@ -7,10 +7,10 @@ import pandas as pd
 
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.mission.hull_rounds import HullRounds
-from gliderhpc.report.calibration import score_sentence
+from gliderhpc.report.calibration import describe_origin, score_sentence
 from gliderhpc.report.recent_hull import IMPLAUSIBLE, UNDETERMINED
 from gliderhpc.tuning.calibration_score import Score
-from gliderhpc.version import __version__
+from gliderhpc.wording import capitalised
 
 PARAMETERS = ("parameter", "unit", "before", "after", "95 % interval", "remaining", "remark")
 DIRECTIONS = ("remaining", "main parameters")
@@ -101,7 +101,7 @@ def notes(rounds: HullRounds) -> list[str]:
     mission = rounds.mission
     left, _ = mission.directions()
     lines = [
-        profiles_text(rounds),
+        describe_fitted_profiles(rounds),
         f"{len(rounds.moves)} rounds over the dives; last change {rounds.moves[-1]:.2f} plausible deviations",
         f"{int((left < _DETERMINED).sum())} of {len(left)} directions are known to better than half of their plausible "
         "deviation",
@@ -136,8 +136,8 @@ def warnings(rounds: HullRounds, tolerance: float) -> list[str]:
     return []
 
 
-def profiles_text(rounds: HullRounds) -> str:
-    """Describe the fitted and the held-out dives."""
+def describe_fitted_profiles(rounds: HullRounds) -> str:
+    """Describe the fitted and the held-out profiles."""
     apart = f"; held out {', '.join(str(number) for number, *_ in rounds.held_out)}" if rounds.held_out else ""
     return f"fitted on the dives of profiles {', '.join(map(str, rounds.mission.numbers.tolist()))}{apart}"
 
@@ -147,10 +147,9 @@ def provenance(
     assignments: Sequence[str],
 ) -> str:  # fmt: skip
     """Describe the calibration for the platform file: data, dives, overrides, remarks and errors."""
-    overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
     sentences = [
-        f"Calibrated by `gliderhpc calibrate` {__version__} on {observations} (sha256 {digest[:12]}){overrides}",
-        *(line[0].upper() + line[1:] for line in lines),
+        describe_origin("Calibrated by `gliderhpc calibrate`", observations, digest, assignments),
+        *map(capitalised, lines),
         *(score_sentence(name, score) for name, score in scores if score.segments),
     ]
     return ". ".join(filter(None, sentences)) + "."

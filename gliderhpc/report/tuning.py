@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 
+from gliderhpc.report.calibration import describe_origin
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, TuningVerdict
 from gliderhpc.tuning.likelihood import Whiteness
-from gliderhpc.version import __version__
 from gliderhpc.vocabulary import CHANNELS
+from gliderhpc.wording import capitalised
 
 INTERPOLATED = (
     "records slower than the filter's limit were interpolated before filtering, so their innovations are correlated "
@@ -64,12 +65,10 @@ def provenance(
     assignments: Sequence[str],
 ) -> str:
     """Describe the tuning for the platform file: data, profiles, overrides, gain, prior and innovations."""
-    overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
+    origin = describe_origin("Prior tuned by `gliderhpc tune`", observations, digest, assignments)
     sentences = [
-        f"Prior tuned by `gliderhpc tune` {__version__} on {observations} (sha256 {digest[:12]})"
-        f"{overrides}, {used_text(used, settings)}",
-        _sentence(closing_text(tuned, settings)),
-        *map(_sentence, warnings(tuned, settings)),
+        f"{origin}, {used_text(used, settings)}",
+        *map(capitalised, (closing_text(tuned, settings), *warnings(tuned, settings))),
         "; ".join(_number_text(row) for row in prior_rows(tuned)),
         "Normalised innovations before and after, variance (portmanteau over lags): "
         + ", ".join(
@@ -78,7 +77,7 @@ def provenance(
         ),
     ]
     if tuned.interpolated:
-        sentences.append(_sentence(INTERPOLATED))
+        sentences.append(capitalised(INTERPOLATED))
     return ". ".join(sentences) + "."
 
 
@@ -132,11 +131,6 @@ _NUMBERS = [
     *((channel, "deviation", unit) for channel, (unit, *_) in CHANNELS.items()),
     *((channel, "correlation time", "s") for channel in CHANNELS),
 ]
-
-
-def _sentence(text: str) -> str:
-    """Capitalise the first letter of a text; the others are unchanged."""
-    return text[0].upper() + text[1:]
 
 
 def _number_text(row: tuple[str, ...]) -> str:

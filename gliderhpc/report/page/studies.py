@@ -32,7 +32,7 @@ from gliderhpc.report.studies import show_study, studies_in
 from gliderhpc.store_schema.location import Location
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.registry import ALL_STUDIES, load_study
-from gliderhpc.wording import counted
+from gliderhpc.wording import capitalised, counted
 
 _MAX_COLUMNS = 14
 """Maximum number of columns of a study's table on the page, except for the paper's own tables."""
@@ -66,7 +66,7 @@ def study_section(name: str, archive: Archive, summary: Summary, place: Location
     present = name in studies_in(archive)
     blocks = _present(name, archive, summary, command) if present else _absent(name, archive, command)
     title, reference = load_study(name).title, f" ({published} of the paper)" if published else ""
-    introduction = Paragraph(f"{title[0].upper()}{title[1:]}{reference}.")
+    introduction = Paragraph(f"{capitalised(title)}{reference}.")
     return PageSection(name, heading_text, (introduction, *blocks))
 
 

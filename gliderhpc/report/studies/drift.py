@@ -60,6 +60,7 @@ from gliderhpc.studies.library.drift.verdict import (
     verdict_lines,
 )
 from gliderhpc.vocabulary import PHASES
+from gliderhpc.wording import capitalised
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -189,7 +190,7 @@ def captions(
         f"slope's interval ({settings.resamples} draws of epochs) agree: {', '.join(shown) or 'nowhere'}."
     )
     changes, moments = (
-        " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
+        " ".join(f"{capitalised(line)}." for line in lines)
         for lines in (change_lines(findings.changes, reference), moment_lines(findings.moments, findings.per_degree))
     )
     return {
@@ -211,7 +212,7 @@ def _drag_caption(verdict: DriftVerdict, whose: str, data: str) -> str:
     return (
         f"Change of K_D0 equivalent to the disturbances, by {whose}: {data}. The change common to dive and climb is "
         f"{change:+.1f} % of K_D0 over the mission (95 % interval {low:+.1f} to {high:+.1f} %). "
-        f"{OTHER_CAUSES[0].upper()}{OTHER_CAUSES[1:]}."
+        f"{capitalised(OTHER_CAUSES)}."
     )
 
 

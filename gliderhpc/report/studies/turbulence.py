@@ -27,6 +27,7 @@ from gliderhpc.studies.library.turbulence.verdict import (
     TurbulenceVerdict,
     conclusion,
 )
+from gliderhpc.wording import capitalised
 
 MEASURED, MEASURED_ALL, SURROGATES = "measured", "measured_all", "surrogates"
 
@@ -230,7 +231,7 @@ def verdict_text(verdict: TurbulenceVerdict) -> str:
         )
     assumptions = "\n".join(f"- {text}" for text in ASSUMPTIONS)
     return (
-        f"## Verdict\n\n{' '.join(conclusion(verdict))}\n\n{verdict.sentence[0].upper()}{verdict.sentence[1:]}.\n\n"
+        f"## Verdict\n\n{' '.join(conclusion(verdict))}\n\n{capitalised(verdict.sentence)}.\n\n"
         + markdown(("feature", "outcome", "figures"), rows)
         + f"\n\n{statement}\n\nAssumptions:\n\n{assumptions}\n"
     )
