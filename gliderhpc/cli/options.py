@@ -156,7 +156,7 @@ def executor_for(
 
 
 def check_workers(workers: int | None, cluster: ClusterAddress | None) -> None:
-    """Refuse local workers beside a running cluster."""
+    """Refuse local workers where a cluster is running."""
     if cluster is not None and workers is not None:
         raise click.UsageError(
             "--workers starts local workers; leave it out, since a running cluster has its own workers"

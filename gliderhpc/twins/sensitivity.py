@@ -335,7 +335,7 @@ def _noise_comparisons(scores: Summary, shift: Row) -> list[Comparison]:
         ),
         *(
             Comparison(
-                f"noise: {name} left, RMS", unit, noise[f"rmse_{name}"], remark=f"perfect {perfect[f'rmse_{name}']:.2g}"
+                f"noise: RMSE of {name}", unit, noise[f"rmse_{name}"], remark=f"perfect {perfect[f'rmse_{name}']:.2g}"
             )
             for name, (unit, _) in CHANNELS.items()
         ),
