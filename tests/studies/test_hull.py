@@ -235,7 +235,7 @@ def test_an_archive_of_an_earlier_version_has_fewer_parameters(studied):
     left = [p.key not in later for p in whole.parameters]
     assert found.parameters == tuple(np.array(whole.parameters)[left])
     assert history.parameters == found.parameters
-    for one, other in zip(whole.dives, found.dives, strict=True):
+    for one, other in zip(whole.terms, found.terms, strict=True):
         np.testing.assert_array_equal(other.score, one.score[left])
         np.testing.assert_array_equal(other.information, one.information[np.ix_(left, left)])
     plan = Plan(None, SimpleNamespace(robust=True, change=1.0), (), {}, Preparation(inputs=found), ())
