@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from gliderhpc.angles import wrap
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
-from gliderhpc.observations.files.headings import frozen_profiles, is_still
+from gliderhpc.observations.checks.heading_values import frozen_profiles, is_still
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
-from gliderhpc.observations.importing.rows import onto_nearest, rarely_together
 from gliderhpc.observations.intervals import usual_interval, without_gaps
+from gliderhpc.observations.nearest import onto_nearest, rarely_together
 from gliderhpc.observations.profiles import equal_runs
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 from gliderhpc.wording import counted

@@ -20,8 +20,8 @@ from gliderhpc.estimation.record_screening import (
 )
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.observations.format import CONTROLS, MEASURED
-from gliderhpc.observations.importing.rows import nearest_rows
 from gliderhpc.observations.intervals import local_intervals, usual_interval, without_gaps
+from gliderhpc.observations.nearest import nearest_rows
 from gliderhpc.observations.records import FloatArray, ProfileRecord
 from gliderhpc.observations.seawater import with_seawater
 from gliderhpc.observations.series import ProfileSeries

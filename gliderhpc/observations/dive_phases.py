@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
 
-from gliderhpc.observations.importing.rows import nearest_rows
+from gliderhpc.observations.nearest import nearest_rows
 from gliderhpc.observations.profiles import SURFACE_MARGIN, stretches
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.series import ProfileSeries

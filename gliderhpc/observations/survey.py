@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.checks.heading_values import check_circle
 from gliderhpc.observations.checks.profile_checks import (
     check_extents,
     check_heading_unit,
@@ -29,7 +30,6 @@ from gliderhpc.observations.checks.validation import (
     profile_spans,
 )
 from gliderhpc.observations.files.columns import describe_fills, usual_fills
-from gliderhpc.observations.files.headings import check_circle
 from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
 from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES

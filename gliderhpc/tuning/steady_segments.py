@@ -19,7 +19,7 @@ from gliderhpc.estimation.steady_balance import SteadyMotion
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import least_glide_angle
 from gliderhpc.observations import Observations, ProfileSeries
-from gliderhpc.observations.importing.rows import nearest_rows
+from gliderhpc.observations.nearest import nearest_rows
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.times import SECOND
 from gliderhpc.platform import Platform

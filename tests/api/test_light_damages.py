@@ -13,7 +13,7 @@ from gliderhpc.api.currents import currents, navigation_of
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.record_screening import check_sensors
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.files.headings import frozen_profiles
+from gliderhpc.observations.checks.heading_values import frozen_profiles
 from gliderhpc.observations.profiles import equal_runs
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission
 

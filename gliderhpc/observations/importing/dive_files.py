@@ -11,15 +11,9 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.checks.validation import Span
 from gliderhpc.observations.files.foreign import ForeignFile
 from gliderhpc.observations.fixes import Fixes, merge_fixes
+from gliderhpc.observations.importing.clock_steps import ClockStep, in_time_order
 from gliderhpc.observations.importing.excursions import find_lost
-from gliderhpc.observations.importing.rows import (
-    NOT_INCREASING,
-    ClockStep,
-    Columns,
-    in_time_order,
-    increasing,
-    join_columns,
-)
+from gliderhpc.observations.importing.rows import NOT_INCREASING, Columns, increasing, join_columns
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ from gliderhpc.observations.checks.sign_checks import GLIDE, fault_of_signs
 from gliderhpc.observations.checks.validation import Span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.format import REQUIRED, VARIABLES
-from gliderhpc.observations.importing.rows import ClockStep, Columns, without_doubtful
+from gliderhpc.observations.importing.clock_steps import ClockStep, without_doubtful
+from gliderhpc.observations.importing.rows import Columns
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND

@@ -12,6 +12,7 @@ from gliderhpc.observations.checks.validation import profile_spans
 from gliderhpc.observations.files.foreign import ForeignFile, files_of
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
+from gliderhpc.observations.importing.clock_steps import find_clock_steps, without_doubtful
 from gliderhpc.observations.importing.dive_files import (
     FileRecords,
     check_samples,
@@ -20,7 +21,7 @@ from gliderhpc.observations.importing.dive_files import (
     number_samples,
     without_dives,
 )
-from gliderhpc.observations.importing.rows import Columns, find_clock_steps, increasing, without_doubtful
+from gliderhpc.observations.importing.rows import Columns, increasing
 from gliderhpc.observations.importing.time_order import RowOrder, order_of_rows
 from gliderhpc.observations.importing.workflow import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.instruments.og1_dives import (

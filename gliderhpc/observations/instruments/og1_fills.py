@@ -7,9 +7,9 @@ declared; these are left to the checks of the profiles, which name the variable 
 import numpy as np
 import numpy.typing as npt
 
+from gliderhpc.observations.checks.heading_values import MIN_DISTINCT, RANGE, describe_impossible, remove_turns
 from gliderhpc.observations.files.columns import NEGATIVE_FILLS, USUAL_FILLS, Term, describe_fills, usual_fills
 from gliderhpc.observations.files.foreign import ForeignFile
-from gliderhpc.observations.files.headings import MIN_DISTINCT, RANGE, describe_impossible, remove_turns
 from gliderhpc.observations.format import CONTROLS, VARIABLES
 from gliderhpc.observations.instruments.og1_variables import (
     ATTITUDE,

@@ -14,11 +14,12 @@ import numpy.typing as npt
 from gliderhpc.observations.checks.validation import Span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.importing.excursions import SUBMERGED
-from gliderhpc.observations.importing.rows import Columns, join_columns, onto_nearest, rarely_together
+from gliderhpc.observations.importing.rows import Columns, join_columns
 from gliderhpc.observations.importing.time_order import SEGMENT_BREAK, order_of_rows
 from gliderhpc.observations.instruments.og1_dives import IntArray, detect_dives, find_dives
 from gliderhpc.observations.instruments.og1_variables import SEAWATER, SPEED, Declination, medians_over
 from gliderhpc.observations.intervals import usual_interval, without_gaps
+from gliderhpc.observations.nearest import onto_nearest, rarely_together
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.times import SECOND
 from gliderhpc.wording import counted

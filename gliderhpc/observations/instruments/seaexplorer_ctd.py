@@ -17,9 +17,10 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
-from gliderhpc.observations.importing.rows import Rows, onto_nearest
+from gliderhpc.observations.importing.rows import Rows
 from gliderhpc.observations.importing.workflow import CtdSamples
 from gliderhpc.observations.instruments.seaexplorer_files import SeaExplorerFiles, read_columns, read_rows
+from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.records import FloatArray, TimeArray
 
 CLOCK = "PLD_REALTIMECLOCK"

@@ -20,16 +20,9 @@ from gliderhpc.observations.checks.validation import describe_time
 from gliderhpc.observations.files.file_content import describe_content
 from gliderhpc.observations.files.foreign import files_of
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
+from gliderhpc.observations.importing.clock_steps import ClockStep, find_clock_steps
 from gliderhpc.observations.importing.excursions import SUBMERGED, find_lost, in_excursion
-from gliderhpc.observations.importing.rows import (
-    NOT_INCREASING,
-    ClockStep,
-    Rows,
-    find_clock_steps,
-    increasing,
-    join_rows,
-    keep_rows,
-)
+from gliderhpc.observations.importing.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR
 
 _NAME = re.compile(

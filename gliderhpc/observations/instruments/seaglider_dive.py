@@ -17,17 +17,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.checks.heading_values import RANGE, describe_impossible, outside, remove_turns
 from gliderhpc.observations.checks.sign_checks import refuse_negative_depth
 from gliderhpc.observations.checks.validation import clock_set_back
 from gliderhpc.observations.files.columns import UnitError
 from gliderhpc.observations.files.foreign import ForeignFile
-from gliderhpc.observations.files.headings import RANGE, describe_impossible, outside, remove_turns
 from gliderhpc.observations.files.valid_limits import check_limits
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.importing.dive_files import check_samples, read_fixes
 from gliderhpc.observations.importing.excursions import in_excursion
-from gliderhpc.observations.importing.rows import Columns, increasing, onto_nearest
+from gliderhpc.observations.importing.rows import Columns, increasing
 from gliderhpc.observations.intervals import local_intervals
+from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND, epoch_seconds

@@ -19,7 +19,7 @@ from gliderhpc.observations.checks.profile_checks import check_heading_unit
 from gliderhpc.observations.checks.validation import Span, profile_spans
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT, SAME_SURFACING, Fixes, drop_outliers
-from gliderhpc.observations.importing.rows import Columns, Rows, onto_nearest
+from gliderhpc.observations.importing.rows import Columns, Rows
 from gliderhpc.observations.importing.workflow import (
     CtdSamples,
     ImportSummary,
@@ -29,6 +29,7 @@ from gliderhpc.observations.importing.workflow import (
 )
 from gliderhpc.observations.instruments.slocum_files import BALLAST_SENSORS, find_files, is_binary, is_decoded
 from gliderhpc.observations.instruments.slocum_records import HANGING_CYCLE, Mission, read_mission
+from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import SURFACE_MARGIN, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.survey import MAX_GPS_DEPTH

@@ -18,10 +18,10 @@ import numpy as np
 import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.checks.heading_values import RANGE
 from gliderhpc.observations.files.columns import DEFAULT_UNITS, FACTORS, NEGATIVE_FILLS, UnitError
 from gliderhpc.observations.files.file_content import describe_failure
 from gliderhpc.observations.files.foreign import name_compressed, refuse_compressed
-from gliderhpc.observations.files.headings import RANGE
 from gliderhpc.observations.files.packed import open_dataset
 from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import decimal_degrees

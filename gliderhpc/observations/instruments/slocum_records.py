@@ -15,19 +15,13 @@ import numpy as np
 import scipy
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.checks.heading_values import describe_impossible, outside, remove_turns
 from gliderhpc.observations.checks.sign_checks import refuse_negative_depth
 from gliderhpc.observations.checks.validation import clock_set_back
-from gliderhpc.observations.files.headings import describe_impossible, outside, remove_turns
 from gliderhpc.observations.files.stored_reads import Reads
+from gliderhpc.observations.importing.clock_steps import times_by_two_clocks
 from gliderhpc.observations.importing.excursions import in_excursion
-from gliderhpc.observations.importing.rows import (
-    NOT_INCREASING,
-    Rows,
-    increasing,
-    join_rows,
-    keep_rows,
-    times_by_two_clocks,
-)
+from gliderhpc.observations.importing.rows import NOT_INCREASING, Rows, increasing, join_rows, keep_rows
 from gliderhpc.observations.importing.time_order import order_of_rows
 from gliderhpc.observations.instruments.slocum_binary import BinaryReader
 from gliderhpc.observations.instruments.slocum_files import (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.observations.checks.validation import CLOCK_SET_BACK, describe_time
-from gliderhpc.observations.importing.rows import times_by_two_clocks
+from gliderhpc.observations.importing.clock_steps import times_by_two_clocks
 from gliderhpc.observations.profiles import IntArray
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND, plausible_times

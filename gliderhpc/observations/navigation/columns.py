@@ -9,6 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.observations.checks.heading_values import RANGE, describe_impossible, outside, remove_turns
 from gliderhpc.observations.checks.sign_checks import sense_fault
 from gliderhpc.observations.checks.suitability import CURRENT_TERMS, lacking_for_currents, needs_of_inversion
 from gliderhpc.observations.files.columns import (
@@ -19,16 +20,7 @@ from gliderhpc.observations.files.columns import (
     find_name,
     usual_fills,
 )
-from gliderhpc.observations.files.headings import (
-    RANGE,
-    VEHICLE_COLUMNS,
-    North,
-    describe_impossible,
-    file_declination,
-    north_of,
-    outside,
-    remove_turns,
-)
+from gliderhpc.observations.files.headings import VEHICLE_COLUMNS, North, file_declination, north_of
 from gliderhpc.observations.files.packed import PACKING
 from gliderhpc.observations.files.quality_flags import Rejected, find_rejected, numeric_flags
 from gliderhpc.observations.files.valid_limits import check_limits, declared_limits

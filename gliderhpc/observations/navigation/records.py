@@ -14,10 +14,10 @@ import xarray as xr
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.checks.depth_screening import noise_window
+from gliderhpc.observations.checks.heading_values import frozen_profiles
 from gliderhpc.observations.checks.validation import describe_time, describe_unnumbered, profile_spans
 from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.dive_phases import dive_notes
-from gliderhpc.observations.files.headings import frozen_profiles
 from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, rounding_error, screen_fixes
 from gliderhpc.observations.navigation.checks import check_heading, check_pitch, describe_short_dives
 from gliderhpc.observations.navigation.clock import ClockDoubt, doubted_by_clock, find_clock_doubts

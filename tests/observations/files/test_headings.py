@@ -11,7 +11,8 @@ from support.slocum_files import flight, write_netcdf
 from gliderhpc.api.currents import currents
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.files.headings import North, check_circle, file_declination, north_of, remove_turns
+from gliderhpc.observations.checks.heading_values import check_circle, remove_turns
+from gliderhpc.observations.files.headings import North, file_declination, north_of
 from gliderhpc.observations.instruments.og1 import import_og1
 from gliderhpc.observations.instruments.seaglider import import_seaglider
 from gliderhpc.observations.instruments.slocum import import_slocum

@@ -12,8 +12,9 @@ from support.missions import program
 from support.seaexplorer_files import DIVE, edit, shift_rows, write_mission
 from support.slocum_files import flight, joined, write_netcdf
 
+from gliderhpc.observations.importing.clock_steps import find_clock_steps
 from gliderhpc.observations.importing.excursions import find_excursions, find_lost
-from gliderhpc.observations.importing.rows import find_clock_steps, increasing
+from gliderhpc.observations.importing.rows import increasing
 from gliderhpc.observations.instruments.og1 import import_og1
 from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
 from gliderhpc.observations.instruments.seaglider import import_seaglider

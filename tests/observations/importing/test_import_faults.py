@@ -17,7 +17,8 @@ from support.slocum_files import AFLOAT, DIVE, INTERVAL, binary, flight, joined,
 from gliderhpc.cli.records import profile_table, summary_lines
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
-from gliderhpc.observations.importing.rows import find_clock_steps, increasing, times_by_two_clocks
+from gliderhpc.observations.importing.clock_steps import find_clock_steps, times_by_two_clocks
+from gliderhpc.observations.importing.rows import increasing
 from gliderhpc.observations.importing.workflow import ImportedProfile, ImportSummary
 from gliderhpc.observations.instruments import slocum_binary
 from gliderhpc.observations.instruments.og1 import import_og1

@@ -13,9 +13,10 @@ from gliderhpc.cli.records import import_
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.fixes import decimal_degrees
-from gliderhpc.observations.importing.rows import Rows, onto_nearest
+from gliderhpc.observations.importing.rows import Rows
 from gliderhpc.observations.instruments.seaexplorer import find_fixes, import_seaexplorer
 from gliderhpc.observations.instruments.seaexplorer_legs import TRANSMITTING
+from gliderhpc.observations.nearest import onto_nearest
 
 
 def test_profiles_run_from_leaving_the_surface_to_the_surfacing_manoeuvre(tmp_path):
