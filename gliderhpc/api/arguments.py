@@ -56,10 +56,14 @@ def profiles_text(profiles: Profiles) -> str | None:
         raise InputError(f"profiles={profiles!r}: give numbers, or a string such as '18:20,68'")
     numbers = np.atleast_1d(np.asarray(profiles)).tolist() if hasattr(profiles, "dtype") else profiles
     numbers = [numbers] if isinstance(numbers, int) else list(numbers)
-    odd = [number for number in numbers if isinstance(number, bool) or not isinstance(number, int | np.integer)]
-    if odd or not numbers:
+    if not numbers or not all(map(is_whole, numbers)):
         raise InputError(f"profiles={profiles!r}: give numbers, or a string such as '18:20,68'")
     return ",".join(map(str, numbers))
+
+
+def is_whole(value: object) -> bool:
+    """Return whether a value is a whole number; booleans, which Python counts among these, are not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def chosen_profile(available: Sequence[int], profile: int | None) -> int:
@@ -77,7 +81,7 @@ def chosen_profile(available: Sequence[int], profile: int | None) -> int:
             (first, last), count = (min(available), max(available)), len(available)
             raise InputError(f"profile: there are {count}, {first} to {last}; choose one, for example profile={first}")
         return available[0]
-    if isinstance(profile, bool) or not isinstance(profile, int | np.integer):
+    if not is_whole(profile):
         raise InputError(f"profile={profile!r}: give the number of a profile")
     return select_profiles(available, str(profile), "profile")[0]
 

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-import numpy as np
-
+from gliderhpc.api.arguments import is_whole
 from gliderhpc.errors import InputError
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
@@ -42,7 +41,7 @@ def executor_of(
     InputError
         The number of workers is not a number from 0 on, or workers are requested with a running cluster.
     """
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 0):
+    if workers is not None and (not is_whole(workers) or workers < 0):
         raise InputError(f"workers={workers!r}: give a number of processes, 0 for this process alone")
     if cluster is not None:
         if workers is not None:

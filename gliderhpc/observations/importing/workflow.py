@@ -7,7 +7,7 @@ in this module, in the order in which they run (`import_mission`).
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -222,47 +222,60 @@ def import_mission(
     """
     sources, out = [Path(source) for source in sources], Path(out)
     check_location(out, sources, is_record, overwrite=overwrite)
-    mission = read(sources)
+    mission = _without_doubtful_profiles(read(sources))
     time: TimeArray = mission.variables["time"].astype("datetime64[ns]")
     depth: FloatArray = mission.variables["depth"].astype(np.float64)
-    # A profile that lost rows to a clock step is left out, and so are the fixes around such a step.
-    numbers, fixes, lost, clock_remarks = without_doubtful(
-        mission.clock_steps, mission.variables["profile"].astype(np.int64), time, mission.fixes
-    )
-    spans = {number: span for number, span in mission.spans.items() if number not in lost}
-    interval = median_interval(time, list(spans.values()))
+    interval = median_interval(time, list(mission.spans.values()))
     water = mission.water(time, depth, interval)
-    piece = mission.pieces.removesuffix("s")
-    rejected = mission.rejected | {
-        f"{piece} {part}": why for number, why in lost.items() for part in mission.parts.get(number) or (number,)
-    }
-    without = {name: why for name, why in (mission.without_profile or {}).items() if name not in rejected}
     variables: Columns = {
         **mission.variables,
         **water.variables,
-        "profile": numbers,
-        "fix_time": fixes.time,
-        "fix_latitude": fixes.latitude,
-        "fix_longitude": fixes.longitude,
+        "fix_time": mission.fixes.time,
+        "fix_latitude": mission.fixes.latitude,
+        "fix_longitude": mission.fixes.longitude,
     }
-    write_observations(variables, out, attributes=_attributes(mission, water, without, rejected), overwrite=overwrite)
+    write_observations(variables, out, attributes=_attributes(mission, water), overwrite=overwrite)
     return ImportSummary(
         path=out,
         vehicle=mission.vehicle,
         mission=mission.mission,
         pieces=mission.pieces,
         profiles=tuple(
-            _profile(number, mission.parts.get(number, ()), *span, variables) for number, span in spans.items()
+            _profile(number, mission.parts.get(number, ()), *span, variables) for number, span in mission.spans.items()
         ),
-        without_profile=without,
-        rejected=rejected,
-        remarks=(*clock_remarks, *mission.remarks, *water.remarks),
+        without_profile=mission.without_profile or {},
+        rejected=mission.rejected,
+        remarks=(*mission.remarks, *water.remarks),
         sample_interval=interval,
-        fixes=len(fixes.time),
-        fixes_dropped=fixes.outliers,
+        fixes=len(mission.fixes.time),
+        fixes_dropped=mission.fixes.outliers,
         rows=len(time),
         ctd_samples=int(np.count_nonzero(np.isfinite(variables.get("temperature", np.zeros(0))))),
         rows_dropped=dict(sorted(mission.rows_dropped.items())),
+    )
+
+
+def _without_doubtful_profiles(mission: MissionRecords) -> MissionRecords:
+    """Leave out the profiles that lost rows to a clock step, and the fixes around such a step."""
+    numbers, fixes, lost, remarks = without_doubtful(
+        mission.clock_steps,
+        mission.variables["profile"].astype(np.int64),
+        mission.variables["time"].astype("datetime64[ns]"),
+        mission.fixes,
+    )
+    piece = mission.pieces.removesuffix("s")
+    rejected = mission.rejected | {
+        f"{piece} {part}": why for number, why in lost.items() for part in mission.parts.get(number) or (number,)
+    }
+    without = mission.without_profile
+    return replace(
+        mission,
+        variables={**mission.variables, "profile": numbers},
+        spans={number: span for number, span in mission.spans.items() if number not in lost},
+        fixes=fixes,
+        rejected=rejected,
+        without_profile=without and {name: why for name, why in without.items() if name not in rejected},
+        remarks=(*remarks, *mission.remarks),
     )
 
 
@@ -291,16 +304,14 @@ def median_interval(time: TimeArray, spans: Sequence[Span]) -> float:
     return usual_interval(np.concatenate([without_gaps(part) for part in steps]))
 
 
-def _attributes(
-    mission: MissionRecords, water: CtdSamples, without: Mapping[str, str], rejected: Mapping[str, str]
-) -> dict[str, Attribute]:
+def _attributes(mission: MissionRecords, water: CtdSamples) -> dict[str, Attribute]:
     """Return the global attributes of the observation file."""
     left_out: dict[str, Mapping[str, str] | Mapping[str, int]] = {
-        mission.rejected_attribute: rejected,
+        mission.rejected_attribute: mission.rejected,
         mission.dropped_attribute: dict(sorted(mission.rows_dropped.items())),
     }
     if mission.without_profile is not None:
-        left_out = {f"{mission.pieces}_without_profile": without, **left_out}
+        left_out = {f"{mission.pieces}_without_profile": mission.without_profile, **left_out}
     return {
         "platform": mission.platform,
         "platform_id": mission.vehicle,
