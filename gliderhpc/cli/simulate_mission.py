@@ -22,7 +22,7 @@ from gliderhpc.simulator import (
     MissionSummary,
     ProfileSummary,
     Scenario,
-    check_location,
+    check_mission_path,
     load_scenario,
     shipped_scenarios,
     simulate_mission,
@@ -79,7 +79,7 @@ def simulate(
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     scenario = load_scenario(scenario_name).replaced({"profiles": profiles, "depth": depth})
     platform = load_platform(platform_name)
-    check_location(out, overwrite=overwrite, inputs=(scenario_name, platform_name))
+    check_mission_path(out, overwrite=overwrite, inputs=(scenario_name, platform_name))
     count = _workers(scenario, workers)
     with logging_to(log_file), progress(scenario.profiles, "profiles") as advance:
         _note_ocean(platform, scenario)

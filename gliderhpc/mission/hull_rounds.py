@@ -316,7 +316,7 @@ class CalibrationRounds:
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
         largest = int(np.abs(move).argmax())
         log.info(
-            "round %d: %d dives, %s moved by %+.2f plausible deviations, inflation %.2f, log evidence %.1f",
+            "round %d: %d profiles, %s moved by %+.2f plausible deviations, inflation %.2f, log evidence %.1f",
             number, len(mission.numbers), self._parameters[largest].key, move[largest], mission.inflation,
             mission.log_evidence,
         )  # fmt: skip

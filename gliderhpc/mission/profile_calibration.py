@@ -121,8 +121,8 @@ def calibrate_on_profiles(
     Raises
     ------
     CalibrationError
-        No dive can be smoothed, or the hull found has no stable glide, is farther from the platform than its plausible
-        deviations allow, or is worse than the platform.
+        No profile can be smoothed, or the hull found has no stable glide, is farther from the platform than its
+        plausible deviations allow, or is worse than the platform.
     """
     rounds = _run_rounds(inputs, executor, progress)
     _check_plausible(rounds)

@@ -4,7 +4,7 @@ from gliderhpc.simulator.disturbance import Impulse
 from gliderhpc.simulator.mission import (
     MissionSummary,
     ProfileSummary,
-    check_location,
+    check_mission_path,
     simulate_mission,
     write_ocean_model,
 )
@@ -22,7 +22,7 @@ __all__ = [
     "ProfileSummary",
     "ProfileTruth",
     "Scenario",
-    "check_location",
+    "check_mission_path",
     "load_scenario",
     "read_scenario",
     "shipped_scenarios",

@@ -157,7 +157,7 @@ def simulate_mission(
         The hull cannot fly the scenario, or a file exists and may not be replaced, or cannot be written.
     """
     path, scenario = Path(path), scenario or Scenario()
-    check_location(path, overwrite=overwrite)
+    check_mission_path(path, overwrite=overwrite)
     summaries = []
     # The truth is closed first, so complete observations always have their truth.
     with (
@@ -223,7 +223,7 @@ def _attributes(platform: Platform, scenario: Scenario, seed: int, *, truth: boo
     return attributes
 
 
-def check_location(path: Path, *, overwrite: bool, inputs: Iterable[Path | str] = ()) -> None:
+def check_mission_path(path: Path, *, overwrite: bool, inputs: Iterable[Path | str] = ()) -> None:
     """Refuse an unusable path of a mission's observations or their truth, before the mission is flown.
 
     Raises

@@ -1,6 +1,7 @@
 """Calibration of the trim, drag and lateral terms that a hull's own steady glides determine.
 
-`calibrate` fits all of them; `fit_trim` fits buoyancy, drag and trim in pitch, the start of the rounds over the dives.
+`calibrate` fits all of them; `fit_trim` fits buoyancy, drag and trim in pitch, the start of the rounds over the
+profiles.
 """
 
 import math
@@ -85,7 +86,7 @@ class CalibrationSettings(Settings):
 
 
 class CalibrateSettings(EstimationSettings):
-    """Settings of records, steady flight, fit, rounds over the dives, turn test, and tuning of the prior."""
+    """Settings of records, steady flight, fit, rounds over the profiles, turn test, and tuning of the prior."""
 
     steady: SegmentSettings = SegmentSettings()
     calibration: CalibrationSettings = CalibrationSettings()
@@ -298,7 +299,7 @@ def check_profiles(segments: SteadySegments) -> None:
     if count < MIN_PROFILES:
         raise InputError(
             f"calibration: steady flight in {counted(count, 'profile')} apart from those held out, but at least "
-            f"{MIN_PROFILES} are needed; give records of more dives, name more `profiles`, or hold fewer out"
+            f"{MIN_PROFILES} are needed; give records of more profiles, name more `profiles`, or hold fewer out"
         )
 
 
@@ -380,7 +381,7 @@ def _errors_in_file(errors: SegmentErrors, steps: Array, covariance: Array) -> C
     )
 
 
-# Trim in pitch, buoyancy and drag alone: the start of the rounds over the dives
+# Trim in pitch, buoyancy and drag alone: the start of the rounds over the profiles
 
 TRIM = (
     "buoyancy.neutral_volume", "buoyancy.depth_slope", "buoyancy.compressibility", "viscous.K_D0", "position.hull.2",
@@ -397,8 +398,8 @@ def fit_trim(
 ) -> Platform:
     """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
 
-    The result is the start of the rounds over the dives. With these few numbers near the truth the filter follows the
-    records. The other numbers, mainly lift and lateral terms, are left unchanged: in steady flight an offset of the
+    The result is the start of the rounds over the profiles. With these few numbers near the truth the filter follows
+    the records. The other numbers, mainly lift and lateral terms, are left unchanged: in steady flight an offset of the
     pitch or the roll acts like them, and a fit without these offsets would move them far from the truth.
 
     Parameters

@@ -221,7 +221,7 @@ def import_mission(
         The sources cannot be used, or `out` may not be replaced or cannot be written.
     """
     sources, out = [Path(source) for source in sources], Path(out)
-    check_location(out, sources, is_record, overwrite=overwrite)
+    check_import_path(out, sources, is_record, overwrite=overwrite)
     mission = _without_doubtful_profiles(read(sources))
     time: TimeArray = mission.variables["time"].astype("datetime64[ns]")
     depth: FloatArray = mission.variables["depth"].astype(np.float64)
@@ -279,7 +279,9 @@ def _without_doubtful_profiles(mission: MissionRecords) -> MissionRecords:
     )
 
 
-def check_location(out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool) -> None:
+def check_import_path(
+    out: Path, sources: Sequence[Path], is_record: Callable[[Path], bool], *, overwrite: bool
+) -> None:
     """Refuse to write over a record, which a missing last argument would destroy.
 
     Raises

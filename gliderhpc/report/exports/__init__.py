@@ -10,7 +10,7 @@ from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import counted
 
 
-def check_location(archive: Location, out: Path, overwrite: bool) -> None:
+def check_export_path(archive: Location, out: Path, overwrite: bool) -> None:
     """Refuse a file that cannot be written, exists already, or is inside the archive.
 
     Raises

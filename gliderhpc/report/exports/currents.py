@@ -23,7 +23,7 @@ from gliderhpc.observations.files.discovery import CONVENTIONS, discovery_attrib
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.output_files import output_file
-from gliderhpc.report.exports import check_location, unfit_profiles
+from gliderhpc.report.exports import check_export_path, unfit_profiles
 from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import outdated_because, platform_of, settings_of
 from gliderhpc.studies.library.tracks import CURRENTS as STUDY
@@ -74,7 +74,7 @@ def export_currents(
         The archive is not finished or has no such group or no current, or the file cannot be written.
     """
     out = Path(out)
-    check_location(archive, out, overwrite)
+    check_export_path(archive, out, overwrite)
     with archive_errors(archive), open_for_reading(archive) as tree:
         left_out = unfit_profiles(archive, tree)
         if STUDY not in tree.children:

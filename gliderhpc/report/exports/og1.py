@@ -13,7 +13,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.observations.files.appended import AppendedFile, Column
 from gliderhpc.observations.files.discovery import CONVENTIONS, MEASUREMENT, content_type
-from gliderhpc.report.exports import check_location, unfit_profiles
+from gliderhpc.report.exports import check_export_path, unfit_profiles
 from gliderhpc.report.exports import og1_dives as dives
 from gliderhpc.report.exports.og1_community import COMMUNITY_TERMS, VOCABULARY, community_rows
 from gliderhpc.report.exports.og1_metadata import Extent, describe_file
@@ -85,7 +85,7 @@ def export_og1(
         The disk is full.
     """
     out, described = Path(out), dict(described or {})
-    check_location(archive, out, overwrite)
+    check_export_path(archive, out, overwrite)
     with archive_errors(archive), open_for_reading(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(archive, tree)

@@ -233,7 +233,7 @@ class _CheckInputs:
         if leg is not None:
             self.legs.append(leg)
         self.turns.append(turn_stretches(platform, series))
-        with contextlib.suppress(ProfileError):  # A dive without steady flight is left out of the pitch check only.
+        with contextlib.suppress(ProfileError):  # A profile without steady flight is left out of the pitch check only.
             self.segments.append(segments_of(series, platform, SegmentSettings()))
 
 
