@@ -4,7 +4,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from gliderhpc.api.arguments import is_whole
+import numpy as np
+
 from gliderhpc.errors import InputError
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
@@ -41,7 +42,7 @@ def executor_of(
     InputError
         The number of workers is not a number from 0 on, or workers are requested with a running cluster.
     """
-    if workers is not None and (not is_whole(workers) or workers < 0):
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 0):
         raise InputError(f"workers={workers!r}: give a number of processes, 0 for this process alone")
     if cluster is not None:
         if workers is not None:
