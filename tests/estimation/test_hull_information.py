@@ -14,12 +14,11 @@ from gliderhpc.estimation.settings import EstimationSettings, RecordSettings, Sm
 from gliderhpc.estimation.smoother.estimate import LastPass, filter_fallback
 from gliderhpc.estimation.smoother.forcing import hull_forcing, sample_slopes
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, InformedDirections, stated_errors
-from gliderhpc.estimation.smoother.information import (
-    HullInformation,
+from gliderhpc.estimation.smoother.information import HullInformation, symmetric
+from gliderhpc.estimation.smoother.information_sweeps import (
     moved,
     sensitivity_sweeps,
     sum_information,
-    symmetric,
     without_far_rows,
 )
 from gliderhpc.estimation.smoother.iterate import iterate_passes

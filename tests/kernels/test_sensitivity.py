@@ -11,7 +11,8 @@ from support.specimens import lopsided_platform, random_disturbances, random_sta
 from gliderhpc.estimation.preparation import controls_of
 from gliderhpc.estimation.settings import RecordSettings
 from gliderhpc.estimation.smoother.forcing import hull_forcing, velocity_offsets, with_sample_errors
-from gliderhpc.estimation.smoother.information import sensitivity_sweeps, sum_information, symmetric
+from gliderhpc.estimation.smoother.information import symmetric
+from gliderhpc.estimation.smoother.information_sweeps import sensitivity_sweeps, sum_information
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters

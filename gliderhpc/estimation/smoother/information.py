@@ -23,6 +23,12 @@ from gliderhpc.estimation.smoother.forcing import (
     with_sample_errors,
 )
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
+from gliderhpc.estimation.smoother.information_sweeps import (
+    moved,
+    sensitivity_sweeps,
+    sum_information,
+    without_far_rows,
+)
 from gliderhpc.estimation.smoother.local_noise import other_assumptions, with_local_noise
 from gliderhpc.estimation.smoother.problem import Trajectory, segment_rows
 from gliderhpc.estimation.smoother.steered_run import information_path
@@ -35,31 +41,18 @@ from gliderhpc.estimation.smoother.vertical_motion import (
 )
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
-from gliderhpc.kernels import sensitivity as kernel
-from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.sensitivity_memory import (
-    Assumptions,
     ErrorInformation,
     Forcing,
     SmoothedSensitivity,
-    allocate_information,
-    allocate_scratch,
-    allocate_smoothed,
-    allocate_tape,
 )
-from gliderhpc.kernels.smoother import run_path
-from gliderhpc.kernels.smoother_allocation import allocate_segments
-from gliderhpc.kernels.smoother_memory import LOG_DETERMINANT, SmootherProblem
+from gliderhpc.kernels.smoother_memory import SmootherProblem
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 MEASURED = np.array([0, 1, 2, 5])
 """Indices of the measured states among the twelve of eq. 16."""
-
-_MAX_DEVIATIONS = np.array([1.0, 1.0, np.pi, 50.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-"""Largest deviations of the filter from the smoothed path with which the hull can still fly: roll, pitch, heading
-(rad), depth (m), velocity (m/s) and rates (rad/s)."""
 
 _ROUNDING = 1e-9
 """Largest negative eigenvalue of an information, relative to the largest one, that is attributed to rounding."""
@@ -390,30 +383,6 @@ def split_sensitivity(
     return to_hull, RecordErrors(posterior.mean[others], 0.5 * (remaining + remaining.T), to_others)
 
 
-def moved(hull: Hull, problem: SmootherProblem, path: Trajectory, rows: Rows, deviations: Array) -> Trajectory:
-    """Move a path by deviations ``(s+1, 16)`` of its sensed states and disturbances in the rows between segments.
-
-    Inside a segment, the disturbances' deviations decay from its first row on, and the states are the model's run.
-    """
-    states, disturbances = path.states.copy(), path.disturbances.copy()
-    states[np.ix_(rows, SENSED)] += deviations[:, :10]
-    steps = np.arange(len(disturbances))
-    segment = np.searchsorted(rows, steps, side="right") - 1
-    disturbances += problem.decay ** (steps - rows[segment])[:, None] * deviations[segment, 10:]
-    run_path(hull, problem, states, disturbances, allocate_segments(rows), np.zeros(LOG_DETERMINANT + 1))
-    return Trajectory(states, disturbances)
-
-
-def without_far_rows(deviations: Array) -> Array:
-    """Set the filter's deviations ``(s+1, 16)`` from the smoothed path to zero in rows with one over `_MAX_DEVIATIONS`.
-
-    Near rest, or about the path of a wrong hull, a linearised filter may be in error by radians and metres per second,
-    and a step from there may not be finite.
-    """
-    is_near = np.asarray(np.all(np.abs(deviations[:, :10]) <= _MAX_DEVIATIONS, axis=1))
-    return np.where(is_near[:, None], deviations, 0.0)
-
-
 def _predicted(states: Array) -> Array:
     """Filtered states extrapolated from the two previous rows, which makes each row independent of its own sample."""
     predicted = states.copy()
@@ -436,59 +405,3 @@ def semidefinite(matrix: Array) -> bool:
 def symmetric(lower: Array) -> Array:
     """Complete a symmetric matrix from its lower triangle."""
     return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
-
-
-def sum_information(
-    hull: Hull, assumed: Sequence[SmootherProblem], forcing: Forcing, trajectory: Trajectory, rows: Rows
-) -> tuple[ErrorInformation, ...]:
-    """Information and score about a trajectory, from the forward sweep alone, under each assumption of the noise.
-
-    Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
-    """
-    informations, _ = _sweep(hull, assumed, forcing, trajectory, rows, np.empty(0, dtype=np.int64))
-    return informations
-
-
-def sensitivity_sweeps(
-    hull: Hull, problem: SmootherProblem, forcing: Forcing, trajectory: Trajectory, rows: Rows, requested: Rows
-) -> tuple[ErrorInformation, SmoothedSensitivity]:
-    """Information and score about a trajectory, and sensitivities of the smoothed states at the ``requested`` rows.
-
-    Inside the segments between ``rows`` (`segment_rows`), the trajectory is replaced by the model's run.
-    """
-    informations, smoothed = _sweep(hull, (problem,), forcing, trajectory, rows, requested)
-    return informations[0], smoothed
-
-
-def _sweep(
-    hull: Hull,
-    assumed: Sequence[SmootherProblem],
-    forcing: Forcing,
-    trajectory: Trajectory,
-    rows: Rows,
-    requested: Rows,
-) -> tuple[tuple[ErrorInformation, ...], SmoothedSensitivity]:
-    """Sweep forwards under each assumption, and backwards under the first one if any rows are requested."""
-    segments, parameters, requested = len(rows) - 1, len(forcing.start), np.asarray(requested, dtype=np.int64)
-    information = allocate_information(len(assumed), segments, parameters)
-    out = allocate_smoothed(requested, parameters)
-    samples, channels, _ = forcing.samples.shape
-    taped = len(requested) > 0
-    tape = allocate_tape(taped * segments, taped * samples, channels, len(requested), parameters)
-    kernel.sum_information(
-        hull, assumed[0], Assumptions(*(np.stack(column) for column in _columns(assumed))), forcing,
-        trajectory.states, trajectory.disturbances, allocate_scratch(rows, forcing, len(assumed)), information, tape,
-        out,
-    )  # fmt: skip
-    # Without the columns that fill the parameters up to a multiple of eight.
-    used = slice(parameters)
-    informations = tuple(
-        ErrorInformation(matrix[used, used], score[used], filtered)
-        for matrix, score, filtered in zip(*information, strict=True)
-    )
-    smoothed = SmoothedSensitivity(requested, out.states[..., used], out.track[..., used], out.displacement[:, used])
-    return informations, smoothed
-
-
-def _columns(assumed: Sequence[SmootherProblem]) -> tuple[list[Array], ...]:
-    return [d.measured for d in assumed], [d.variance for d in assumed], [d.noise for d in assumed]
