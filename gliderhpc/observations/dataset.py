@@ -22,11 +22,18 @@ from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.files.file_content import describe_failure, describe_missing
 from gliderhpc.observations.files.packed import open_dataset
 from gliderhpc.observations.fixes import describe_fixes, pair_fault
-from gliderhpc.observations.format import ARCHIVE_SCHEMA, OPTIONAL, SEAWATER, VARIABLES, VELOCITY, VELOCITY_STD
+from gliderhpc.observations.format import (
+    ARCHIVE_SCHEMA,
+    OPTIONAL,
+    PROFILE_VARIABLES,
+    SEAWATER,
+    VARIABLES,
+    VELOCITY,
+    VELOCITY_STD,
+)
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
 from gliderhpc.observations.survey import (
     MAX_FIX_AGE,
-    PROFILE_VARIABLES,
     ProfileSpan,
     StoredVariables,
     Survey,

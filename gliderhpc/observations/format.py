@@ -131,6 +131,8 @@ OPTIONAL = (*SEAWATER, *VELOCITY, *VELOCITY_STD)
 """Variables along ``time`` that are used where a file has them."""
 CONTROLS = ("battery_position", "battery_rotation", "ballast_volume")
 """Actuators that every glider has; the rudder is optional."""
+PROFILE_VARIABLES = (*MEASURED, *CONTROLS, "rudder")
+"""Variables that are read for every profile."""
 REQUIRED = tuple(variable.name for variable in _TABLE if variable.required)
 
 PROFILE = "reference_profile"

@@ -32,7 +32,7 @@ from gliderhpc.observations.checks.validation import (
 from gliderhpc.observations.files.columns import describe_fills, usual_fills
 from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
-from gliderhpc.observations.format import CONTROLS, MEASURED, VARIABLES
+from gliderhpc.observations.format import PROFILE_VARIABLES, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
 from gliderhpc.observations.profiles import MIN_DEPTH, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -143,10 +143,7 @@ def _plausible_fills(name: str, values: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 MAX_FIX_AGE = np.timedelta64(1800, "s")
-"""Maximum time between a fix and the begin or end of a profile whose position it gives."""
-
-PROFILE_VARIABLES = (*MEASURED, *CONTROLS, "rudder")
-"""Variables that are read for every profile."""
+"""Maximum time between a fix and the beginning or end of the profile whose position it gives."""
 
 MAX_GPS_DEPTH = 20.0
 """Depth (m) below which a glider cannot receive GPS, because the antenna is under water."""
