@@ -92,8 +92,8 @@ def calibrate(
     Returns
     -------
     CalibratedHull
-        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes`` and ``.save(path)``: a
-        `HullFromDives` if there were rounds and they found a better hull, and otherwise a `HullFromGlides`.
+        The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes``, ``.warnings`` and
+        ``.save(path)``: a `HullFromDives` if there were rounds and they found a better hull, and otherwise a `HullFromGlides`.
 
     Raises
     ------
@@ -309,7 +309,7 @@ def tune(
     Returns
     -------
     TunedHull
-        The hull, with ``.platform``, ``.table``, ``.notes`` and ``.save(path)``.
+        The hull, with ``.platform``, ``.table``, ``.notes``, ``.warnings`` and ``.save(path)``.
 
     Raises
     ------
