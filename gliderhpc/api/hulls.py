@@ -93,7 +93,8 @@ def calibrate(
     -------
     CalibratedHull
         The hull, with ``.platform``, ``.table``, ``.history``, ``.scores``, ``.notes``, ``.warnings`` and
-        ``.save(path)``: a `HullFromDives` if there were rounds and they found a better hull, and otherwise a `HullFromGlides`.
+        ``.save(path)``: a `HullFromDives` if there were rounds and they found a better hull, and otherwise a
+        `HullFromGlides`.
 
     Raises
     ------

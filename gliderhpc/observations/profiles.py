@@ -210,7 +210,7 @@ def dive_span(
     depth : (n,) array
         Depth over one dive and the surface intervals around it, positive down (m); NaN where missing.
     begin, end : float
-        Depths (m) of the beginning and the end: the dive runs from the first sample below `begin` to the last below `end`.
+        Depths (m) of beginning and end: the dive runs from the first sample below `begin` to the last below `end`.
     minimum : float
         Depth that the dive must reach (m).
 
