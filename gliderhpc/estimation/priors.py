@@ -74,10 +74,14 @@ def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float 
     return SLOW_RECORD if is_slow_and_untuned(platform, interval) else prior
 
 
+def is_slow(platform: Platform, interval: float) -> bool:
+    """Return whether a hull has slow sensors, or a record's attitude a long interval, s."""
+    return platform.sensors.sample_interval > SLOW_SENSORS_PRIOR or interval > _SLOW_RATIO * SLOW_SENSORS_PRIOR
+
+
 def is_slow_and_untuned(platform: Platform, interval: float) -> bool:
     """Return whether a hull without a prior of its own has slow sensors, or a record's attitude a long interval, s."""
-    slow = platform.sensors.sample_interval > SLOW_SENSORS_PRIOR or interval > _SLOW_RATIO * SLOW_SENSORS_PRIOR
-    return platform.prior is None and slow
+    return platform.prior is None and is_slow(platform, interval)
 
 
 def default_prior(platform: Platform, interval: float = 0.0) -> DisturbancePrior:

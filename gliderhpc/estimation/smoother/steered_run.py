@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR, is_slow
 from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
@@ -86,9 +86,14 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
         A run of the model, steered along the smoothed path. If the water turns the glider so much that this run does
         not represent the profile, only surge, heave and pitch are those of a run, and sway, roll and yaw are the
         filter's. If no run represents the profile, as on a wrong hull, the filter's path.
+
+    Notes
+    -----
+    In a slow record the smoothed rates between samples are not known well enough to judge a run by them: with the prior
+    of slow sensors the pitch swings by half a degree. There any run that keeps the speed is used.
     """
     run, disturbances = _run_along(profile, smoothed)
-    if (_distances(profile, smoothed, run)[1:] <= _MAX_RATE_DIFFERENCE).all() and _keeps_speed(smoothed, run):
+    if _keeps_speed(smoothed, run) and (_is_slow(profile) or _follows_rates(profile, smoothed, run)):
         return _trajectory(smoothed, run, disturbances)
     path = filtered()
     gliding, forces = _run_along(profile, smoothed, turning=path)
@@ -97,6 +102,15 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     run, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
     run[:, _GLIDING], disturbances[:, _FORCES] = gliding[:, _GLIDING], forces[:, _FORCES]
     return _trajectory(path, run, disturbances)
+
+
+def _is_slow(profile: PreparedProfile) -> bool:
+    return is_slow(profile.glider.platform, profile.series.attitude_interval)
+
+
+def _follows_rates(profile: PreparedProfile, path: Trajectory, run: Array) -> bool:
+    """Return whether the rates of pitch and yaw of a run are about those of the path."""
+    return bool((_distances(profile, path, run)[1:] <= _MAX_RATE_DIFFERENCE).all())
 
 
 def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts | None:
