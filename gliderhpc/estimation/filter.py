@@ -136,11 +136,7 @@ def run_filters(
         for i, profile in enumerate(profiles):
             running[i] = profile
             try:
-                yield _Task(
-                    i,
-                    _inputs(profile, settings),
-                    tuple(candidate_priors(profile.glider.platform, profile.series.attitude_interval).items()),
-                )
+                yield _Task(i, _inputs(profile, settings), tuple(_priors_of(profile).items()))
             except ProfileError as error:
                 results[i] = error
 
@@ -148,6 +144,10 @@ def run_filters(
         profile = running.pop(i)
         results[i] = refusal(estimate, settings, profile) if _is_refused(estimate, settings) else estimate
     return [results[i] for i in range(len(results))]
+
+
+def _priors_of(profile: PreparedProfile) -> dict[str, DisturbancePrior]:
+    return candidate_priors(profile.glider.platform, profile.series.attitude_interval, profile.driving_weight)
 
 
 def filter_with_priors(

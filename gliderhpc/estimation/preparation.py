@@ -21,6 +21,9 @@ from gliderhpc.platform import Platform, ballast_masses
 
 Array = NDArray[np.float64]
 
+_WEIGHT_QUANTILES = (0.1, 0.5, 0.9)
+"""Quantiles of the weight in water over a profile that represent ascent, typical weight and descent."""
+
 
 @dataclass(frozen=True, eq=False)
 class PreparedProfile:
@@ -46,6 +49,18 @@ class PreparedProfile:
     vibrating: NDArray[np.bool_]
     initial_error: Array | None = None
     velocity: RelativeVelocity | None = None
+
+    @property
+    def driving_weight(self) -> float:
+        """Weight in water that drives the glider, N.
+
+        It is half the difference between descent and ascent, on which an error of the neutral volume has no influence,
+        or the typical weight if the profile has one leg only.
+        """
+        weight = self.glider.net_weight(self.bodies, self.series.measurements[:-1, 3])
+        low, typical, high = np.nanquantile(weight, _WEIGHT_QUANTILES).tolist()
+        half_difference = 0.5 * float(high - low)
+        return half_difference if low < 0.0 < high else max(half_difference, abs(float(typical)))
 
 
 def prepare_profile(glider: Glider, series: ProfileSeries, initial_error: Array | None = None) -> PreparedProfile:

@@ -31,9 +31,35 @@ def with_lateral_gusts(prior: DisturbancePrior) -> DisturbancePrior:
     )
 
 
-def candidate_priors(platform: Platform, interval: float = 0.0) -> dict[str, DisturbancePrior]:
-    """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`); parameters as for `default_prior`.
+USUAL_WEIGHT = 1.5
+"""Weight in water (N) that drives a glider and for which the usual priors are meant; most gliders fly with more."""
 
+
+def for_weight(prior: DisturbancePrior, weight: float) -> DisturbancePrior:
+    """Return a usual prior with the forces reduced for a glider that is driven by little weight in water, N.
+
+    Errors of drag and lift, and forces of shear, are parts of the forces of the flow, whose sum is the weight in water.
+    With forces of the usual size, the speed of a glider driven by 0.5 N seemed twice the true one on twins.
+    """
+    factor = min(1.0, weight / USUAL_WEIGHT)
+    forces = [factor * deviation for deviation in prior.deviation[:3]]
+    return DisturbancePrior(deviation=(*forces, *prior.deviation[3:]), correlation_time=prior.correlation_time)
+
+
+def candidate_priors(
+    platform: Platform, interval: float = 0.0, weight: float = USUAL_WEIGHT
+) -> dict[str, DisturbancePrior]:
+    """Priors to try in turn, by the archive's name for them (`DISTURBANCE_PRIOR`).
+
+    Parameters
+    ----------
+    platform, interval : Platform, float
+        Parameters of `default_prior`.
+    weight : float
+        Weight in water that drives the glider, N (`for_weight`).
+
+    Notes
+    -----
     They are the platform's own prior alone, or `default_prior` and a freer one. The calmer prior is better wherever it
     can follow the record (docs/accuracy.md). In gusts it cannot, and the filter rejects samples
     (docs/scenario-current.md) or finds innovations far larger than it expects. For fast sensors the freer prior is
@@ -44,7 +70,7 @@ def candidate_priors(platform: Platform, interval: float = 0.0) -> dict[str, Dis
     if platform.prior is not None:
         return {"usual": usual}
     rough = with_yaw_of(SLOW_RECORD, usual) if is_slow_and_untuned(platform, interval) else ROUGH_WATER
-    return {"usual": usual, "rough_water": rough}
+    return {"usual": for_weight(usual, weight), "rough_water": for_weight(rough, weight)}
 
 
 def with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> DisturbancePrior:
@@ -61,8 +87,10 @@ SLOW_RECORD = DisturbancePrior(
 """Prior of the smoother for slow records of a hull that has not been tuned (docs/smoother.md)."""
 
 
-def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float = 0.0) -> DisturbancePrior:
-    """Disturbance prior of the smoother, given that of the filter and the interval of the record's attitude, s.
+def smoother_prior(
+    platform: Platform, prior: DisturbancePrior, interval: float = 0.0, weight: float = USUAL_WEIGHT
+) -> DisturbancePrior:
+    """Disturbance prior of the smoother, given that of the filter, and interval and weight as for `candidate_priors`.
 
     It is the filter's except for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
     pitching moment are wrong by amounts that change with depth. With a correlation time of an hour the smoother would
@@ -71,7 +99,7 @@ def smoother_prior(platform: Platform, prior: DisturbancePrior, interval: float 
     hardly determine these. With a tight prior of the yawing moment, the speed of a calibrated Seaglider was a quarter
     too slow.
     """
-    return SLOW_RECORD if is_slow_and_untuned(platform, interval) else prior
+    return for_weight(SLOW_RECORD, weight) if is_slow_and_untuned(platform, interval) else prior
 
 
 def is_slow(platform: Platform, interval: float) -> bool:

@@ -15,7 +15,7 @@ from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import find_gusts, information_path
 from gliderhpc.flight.glider import SENSED, Glider
-from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
+from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.simulator.scenario import load_scenario
@@ -29,10 +29,10 @@ STILL = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(upd
 """The same for water that does not move vertically, to which the slow forces below would otherwise be attributed."""
 
 
-def flown_dive(scenario, seed=3, depth=60.0):
+def flown_dive(scenario, seed=3, depth=60.0, hull=HULL):
     """Return a dive of the true hull on its steps, the filter's estimate, and the truth."""
-    record, truth = simulate_profile(HULL, scenario.replaced({"depth": depth}), seed)
-    profile = prepare_profile(Glider(HULL), on_steps(record, SETTINGS, HULL))
+    record, truth = simulate_profile(hull, scenario.replaced({"depth": depth}), seed)
+    profile = prepare_profile(Glider(hull), on_steps(record, SETTINGS, hull))
     return profile, run_filter(profile, SETTINGS), truth
 
 
@@ -206,3 +206,31 @@ def test_the_side_force_of_gusts_lies_in_its_intervals():
     sway = np.interp(time, truth.step * np.arange(len(truth.disturbances)), truth.disturbances[:, 1])
     apart = np.abs(found.disturbances[:, 1] - sway)[steady]
     assert np.mean(apart < found.disturbances_std[:, 1][steady]) > 0.6
+
+
+# Slow records
+
+
+def slow_errors(name, path, monkeypatch):
+    """Errors over deviations of a slow record's estimate of its true hull, about a run or about the filter's path."""
+    scenario = load_scenario(name).replaced({"depth_spread": 5.0})
+    hull = with_values(read_platform("slocum"), {ACTUATOR_LAG: scenario.actuation.lag})
+    profile, filtered, _ = flown_dive(scenario, 4, depth=200.0, hull=hull)
+    smoothed = run_smoother(profile, filtered, SETTINGS)
+    return np.array(list(errors_about(path, profile, smoothed, monkeypatch).values()))
+
+
+def test_swings_of_the_pitch_between_slow_samples_do_not_bias_the_hull(monkeypatch):
+    """The prior of slow sensors lets the pitch swing between the samples; the filter's path contains such swings."""
+    about_filter, about_run = (slow_errors("calm", path, monkeypatch) for path in ("filter", "run"))
+    assert np.abs(about_filter).max() > 1.0
+    assert np.abs(about_run).max() < 0.3
+
+
+def test_gusts_that_a_slow_record_does_not_resolve_do_not_bias_the_hull(monkeypatch):
+    """They roll the glider within a sample interval: the roll would be taken for the hull."""
+    errors = slow_errors("paper", "run", monkeypatch)
+    monkeypatch.setattr(information, "_without_turning", lambda problem: problem)
+    with_turning = slow_errors("paper", "run", monkeypatch)
+    assert np.abs(errors).max() < 1.0
+    assert np.abs(with_turning).max() > 2.0

@@ -54,8 +54,8 @@ Rows = NDArray[np.int64]
 
 MEASURED = np.array([0, 1, 2, 5])
 """Indices of the measured states among the twelve of eq. 16."""
-_ROLL = 0
-"""Column of the roll among the measurements."""
+_TURNING = [0, 2]
+"""Columns of roll and heading among the measurements."""
 
 _ROUNDING = 1e-9
 """Largest negative eigenvalue of an information, relative to the largest one, that is attributed to rounding."""
@@ -229,9 +229,9 @@ def hull_information(
     the path of a filter that is linearised about the smoothed one takes its place
     (`gliderhpc.estimation.smoother.steered_run.information_path`).
 
-    The roll of a slow record is left out. Gusts roll a glider within seconds, and the smoother's slow roll moment does
-    not describe this motion, of which such a record shows samples only: on twins of true hulls the damping in roll
-    seemed wrong by ten of its deviations, and drag and pitch offset with it.
+    Roll and heading of a slow record are left out. Gusts and impulses roll and turn a glider within seconds; such a
+    record does not resolve this motion, and the smoother's slow moments do not describe it. On twins of true hulls the
+    damping in roll seemed wrong by ten of its deviations, and drag and pitch offset with it.
     """
     platform, problem = profile.glider.platform, last.problem
     parameters = hull_parameters(platform)
@@ -303,15 +303,15 @@ def _information_and_sensitivity(
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
     if is_slow(profile.glider.platform, profile.series.attitude_interval):
-        assumed = tuple(_without_roll(each) for each in assumed)
+        assumed = tuple(_without_turning(each) for each in assumed)
     informations = sum_information(hull, assumed, with_all_errors(forcing), path, between)
     return informations, _at_records(sensitivity, rows < len(problem.bodies))
 
 
-def _without_roll(problem: SmootherProblem) -> SmootherProblem:
-    """Return a problem without the measured roll."""
+def _without_turning(problem: SmootherProblem) -> SmootherProblem:
+    """Return a problem without the measured roll and heading."""
     measured = problem.measured.copy()
-    measured[:, _ROLL] = np.nan
+    measured[:, _TURNING] = np.nan
     return problem._replace(measured=measured)
 
 

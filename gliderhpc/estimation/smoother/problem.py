@@ -111,7 +111,7 @@ def pose_problem(
     from the quiet stretches, and the bursts would then seem to determine the speed, which was wrong by 0.02 m/s.
     """
     series, platform = profile.series, profile.glider.platform
-    prior = smoother_prior(platform, filtered.prior, series.attitude_interval)
+    prior = smoother_prior(platform, filtered.prior, series.attitude_interval, profile.driving_weight)
     if gusts:
         prior = with_lateral_gusts(prior)
     measured = np.where(recorded_values(series), series.measurements, np.nan)
