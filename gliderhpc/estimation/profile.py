@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.engines import invert_windows, solve_profiles
-from gliderhpc.estimation.filter import FilterEstimate, run_filter, run_filters
+from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
+from gliderhpc.estimation.rests import run_filters_around_rests
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.glide_sensitivity import glide_sensitivity
@@ -111,7 +112,9 @@ def estimate_profile(
         The engine cannot run on this machine.
     """
     began = time.perf_counter()
-    filtered = run_filter(profile, settings)
+    ((_, profile),), (filtered,) = run_filters_around_rests([(None, profile)], settings)
+    if isinstance(filtered, ProfileError):
+        raise filtered
     smoothed = run_smoother(profile, filtered, settings) if _from_smoothed(profile, settings) else None
     solution = invert_windows(profile, filtered, settings, _start(profile, smoothed, settings))
     on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=with_hull)
@@ -259,7 +262,7 @@ def _pose_profiles(
     waiting = iter(profiles)
     while group := list(islice(waiting, LANES)):
         began = time.perf_counter()
-        estimates = run_filters([profile for _, profile in group], options.settings)
+        group, estimates = run_filters_around_rests(group, options.settings)
         share = (time.perf_counter() - began) / len(group)
         # Only waiting profiles are referenced here; those whose windows are solved can thus be freed.
         ready = deque(zip(group, estimates, strict=True))

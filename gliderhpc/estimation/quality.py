@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.preparation import by_density, describe_unexpected_density
 from gliderhpc.estimation.priors import ROUGH_WATER
 from gliderhpc.estimation.profile import ProfileEstimate
+from gliderhpc.estimation.rests import describe_rests
 from gliderhpc.estimation.sensor_noise import noisier_than_stated
 from gliderhpc.estimation.windows import WindowRecord
 from gliderhpc.observations.dive_phases import stationary_points
@@ -194,7 +195,7 @@ def _remarks_on_windows(platform: Platform, estimate: ProfileEstimate) -> list[s
 
 def _remarks_on_samples(estimate: ProfileEstimate) -> list[str]:
     """Remark on samples that were not used: gaps, a refused velocity, and samples that the filter rejected."""
-    lines = []
+    lines = describe_rests(estimate.series)
     if estimate.series.gap_seconds > 0.0:
         lines.append(f"gaps totalling {estimate.series.gap_seconds:.0f} s were ignored")
     if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:

@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.errors import CalibrationError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import current_from_displacement
-from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
+from gliderhpc.estimation.rests import run_filters_around_rests
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
@@ -121,9 +121,11 @@ def smoothed_profile(job: SmoothingJob) -> SmoothedProfile:
         try:
             record = observations.profile(job.number)
             profile = prepare_profile(Glider(job.platform), on_steps(record, job.settings, job.platform))
-            filtered = run_filter(profile, job.settings)
+            ((_, profile),), (filtered,) = run_filters_around_rests([(None, profile)], job.settings)
         except ProfileError as error:
             return SmoothedProfile(job.number, unknown_time, message=str(error))
+        if isinstance(filtered, ProfileError):
+            return SmoothedProfile(job.number, unknown_time, message=str(filtered))
         smoothed = run_smoother(profile, filtered, job.settings, job.noise_factor)
     time = record.epoch + np.timedelta64(round(500.0 * float(record.time[0] + record.time[-1])), "ms")
     if smoothed.last_pass is None or not smoothed.outcome.usable:

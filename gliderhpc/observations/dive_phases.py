@@ -54,28 +54,58 @@ def is_stationary(time: FloatArray, depth: FloatArray) -> Mask:
 
 
 def stationary_points(series: ProfileSeries) -> Mask:
-    """Mask ``(n + 1,)`` of the stationary points of a series; none in gaps of the record, which are interpolated."""
-    return is_stationary(series.time, np.where(series.weights > 0.0, series.measurements[:, 3], np.nan))
+    """Mask ``(n + 1,)`` of the stationary points of a series; none in gaps of the record, which are interpolated.
+
+    Rests that were left out of the series are stationary, too.
+    """
+    stationary = is_stationary(series.time, np.where(series.weights > 0.0, series.measurements[:, 3], np.nan))
+    for begin, stop in series.rests:
+        stationary[begin:stop] = True
+    return stationary
 
 
 MIN_REST, REST_RANGE = 60.0, 0.3
-"""Duration (s) of a rest at one depth that is reported where the model does not follow a record, and its largest range
-of depths (m): on the bottom or under ice the depth does not vary."""
+"""Duration (s) of a rest at one depth where the model does not follow a record, and its largest range of depths (m): on
+the bottom or under ice the depth does not vary."""
+_SAMPLES_OF_REST = 3
+"""Minimum duration of a rest in sample intervals: a turn, too, may be between two samples of the same depth."""
+
+
+def find_rests(series: ProfileSeries) -> list[tuple[int, int]]:
+    """Find the rests at one depth under water: first row, and row after the last, of each.
+
+    The range of depths is at most `REST_RANGE` over `MIN_REST`, as on the bottom, or `MAX_RANGE` over `WINDOW`, as of a
+    glider that hovers. Turns that fulfil this are no rests: whether a glider rests is decided where the model does not
+    follow its record.
+    """
+    resting = np.zeros(len(series.time), dtype=bool)
+    for duration, depth_range in ((MIN_REST, REST_RANGE), (WINDOW, MAX_RANGE)):
+        for begin, stop in _level_stretches(series, duration, depth_range):
+            resting[begin:stop] = True
+    return stretches(resting)
+
+
+def _level_stretches(series: ProfileSeries, duration: float, depth_range: float) -> list[tuple[int, int]]:
+    """Find the stretches under water with at most a range of depths (m) within a duration (s)."""
+    depth, known = series.measurements[:, 3], (series.weights > 0.0) & np.isfinite(series.measurements[:, 3])
+    before = round(0.5 * max(duration, _SAMPLES_OF_REST * series.sample_interval) / series.step)
+    length = 2 * before + 1
+    high = scipy.ndimage.maximum_filter1d(np.where(known, depth, np.inf), length, mode="constant", cval=np.inf)
+    low = scipy.ndimage.minimum_filter1d(np.where(known, depth, -np.inf), length, mode="constant", cval=-np.inf)
+    centres = stretches(np.asarray((high - low <= depth_range) & (low > MIN_DEPTH)))
+    return [(begin - before, stop + before) for begin, stop in centres]
 
 
 def describe_rest(series: ProfileSeries) -> str:
     """Describe the longest rest at one depth under water; empty if there is none of a minute or more."""
-    depth, known = series.measurements[:, 3], (series.weights > 0.0) & np.isfinite(series.measurements[:, 3])
-    steps = round(MIN_REST / series.step)
-    high = scipy.ndimage.maximum_filter1d(np.where(known, depth, np.inf), steps + 1, mode="constant", cval=np.inf)
-    low = scipy.ndimage.minimum_filter1d(np.where(known, depth, -np.inf), steps + 1, mode="constant", cval=-np.inf)
-    rests = stretches((high - low <= REST_RANGE) & (low > MIN_DEPTH))
+    rests = _level_stretches(series, MIN_REST, REST_RANGE)
     if not rests:
         return ""
     begin, end = max(rests, key=lambda rest: rest[1] - rest[0])
     return (
-        f"the glider was at one depth, {depth[begin]:.0f} m, for {(end - begin + steps) * series.step:.0f} s, as on "
-        "the bottom, where it does not glide; end the profile before, and begin another one after that"
+        f"the glider was at one depth, {series.measurements[begin, 3]:.0f} m, for "
+        f"{(end - begin - 1) * series.step:.0f} s, as on the bottom, where it does not glide; end the profile before, "
+        "and begin another one after that"
     )
 
 

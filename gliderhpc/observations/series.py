@@ -62,6 +62,8 @@ class ProfileSeries:
         None if they are unknown (`gliderhpc.observations.seawater`).
     without_seawater : str
         Reason why they are unknown; empty if they are known or were not requested.
+    rests : tuple of (int, int)
+        First grid point, and point after the last, of each rest at one depth that was left out.
     velocity, velocity_std : (n + 1, 3) arrays or None
         Measured velocity relative to the water and its standard deviation (m/s), means over the samples nearest to each
         point, NaN elsewhere; None if the record has none.
@@ -85,6 +87,7 @@ class ProfileSeries:
     partial: npt.NDArray[np.int64] | None = None
     seawater: FloatArray | None = None
     without_seawater: str = ""
+    rests: tuple[tuple[int, int], ...] = ()
     velocity: FloatArray | None = None
     velocity_std: FloatArray | None = None
 
