@@ -10,6 +10,7 @@ import warnings
 import click
 from click.shell_completion import get_completion_class
 
+from gliderhpc.cli.address_space import check_address_space
 from gliderhpc.cli.interruption import interruptible
 from gliderhpc.cli.messages import (
     FULL,
@@ -199,6 +200,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
             # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             refuse_empty(sys.argv[1:] if arguments is None else arguments)
+            check_address_space()
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
     except click.ClickException as error:

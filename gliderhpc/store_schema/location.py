@@ -29,7 +29,7 @@ from zarr.storage import LocalStore, MemoryStore, ObjectStore, StorePath
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.store_schema.codecs import MAX_INLINE_BYTES
-from gliderhpc.store_schema.schema import SCHEMA_NAME
+from gliderhpc.store_schema.schema import COMMITS, PROFILE, SCHEMA_NAME
 
 Location = str | Path
 """A folder, or an address such as ``s3://bucket/mission.zarr``."""
@@ -326,10 +326,30 @@ def remove_group(location: Location, group: str) -> None:
 
 
 def is_archive(location: Location) -> bool:
-    """Return whether a location holds an archive of this program, of any version."""
+    """Return whether a location holds an archive of this program, of any version; a copy by xarray is none."""
+    return _has_results(location) and not _is_copy(location)
+
+
+_XARRAY_SEPARATOR = "/"
+"""Separator in the names of chunks that xarray writes; archives of all versions have another one."""
+
+
+def _has_results(location: Location) -> bool:
+    """Return whether the root has the attributes of an archive."""
     metadata = root_metadata(location)
     attributes = metadata.get("attributes") if metadata is not None else None
     return isinstance(attributes, dict) and attributes.get("schema") == SCHEMA_NAME
+
+
+def _is_copy(location: Location) -> bool:
+    """Return whether groups of an archive were written by xarray: without commits, or with its names of the chunks."""
+    content = root_content(store_at(location, read_only=True))
+    consolidated = parsed_root(content).get(CONSOLIDATED) if content is not None else None
+    members = consolidated.get("metadata") if isinstance(consolidated, dict) else None
+    if not isinstance(members, dict) or not isinstance(members.get(PROFILE), dict):
+        return False
+    keys = members[PROFILE].get("chunk_key_encoding", {}).get("configuration", {})
+    return COMMITS not in members or keys.get("separator") == _XARRAY_SEPARATOR
 
 
 def describe_other(location: Location) -> str:
@@ -337,6 +357,11 @@ def describe_other(location: Location) -> str:
     if not is_address(location) and Path(location).is_file():
         wanted = "give the folder that `gliderhpc run-mission` makes from records"
         return f"{location}: a file, not an archive of gliderhpc; {wanted}"
+    if _has_results(location):
+        return (
+            f"{location}: a copy of results, such as of one dive, that xarray wrote (`to_zarr`), not an archive: open it "
+            "with xarray.open_datatree, and give the folder that `gliderhpc run-mission` wrote"
+        )
     return f"{location}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission` wrote"
 
 

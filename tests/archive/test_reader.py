@@ -1,14 +1,18 @@
 """Reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
 
+import warnings
+
 import numpy as np
 import pytest
 import xarray as xr
 from support.archives import Content, write_archive
+from support.missions import program
 
 from gliderhpc.archive.mission import archive_errors, open_for_reading, open_mission
 from gliderhpc.archive.profile import ESTIMATES, read_profile_data, read_recorded_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema import create_study, finish_study, set_attributes
+from gliderhpc.store_schema.create import check_location
 
 
 @pytest.fixture
@@ -67,3 +71,25 @@ def test_records_alone_are_those_of_the_whole_profile(brief_store, estimate):
     for name, value in vars(records).items():
         np.testing.assert_equal(getattr(whole, name), value, err_msg=name)
     assert len(records.measured) == len(records.record_time) > 100
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["without commits", "whole"])
+def test_a_copy_by_xarray_is_named_as_such(whole, tmp_path, brief_store):
+    """It has the groups of an archive and none of its commits: the commands called it damaged, in 274 places."""
+    copy = tmp_path / "dive.zarr"
+    with warnings.catch_warnings():
+        # Zarr warns that consolidated metadata is not yet part of its format.
+        warnings.simplefilter("ignore")
+        with xr.open_datatree(brief_store, engine="zarr") as tree:
+            content = tree.load().map_over_datasets(lambda group: group.drop_encoding())
+            if not whole:
+                del content["commits"]
+            content.to_zarr(copy)
+    for arguments in (("info", copy), ("check", copy), ("compare", copy, brief_store)):
+        answer = program(*arguments)
+        assert answer.status == 2
+        assert "a copy of results, such as of one dive, that xarray wrote" in answer.line
+    with pytest.raises(InputError, match="copy of results"):
+        open_mission(copy)
+    with pytest.raises(InputError, match="not an archive"):
+        check_location(str(copy), overwrite=True)

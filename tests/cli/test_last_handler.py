@@ -189,3 +189,16 @@ def test_huge_numbers_are_wrong_usage(arguments, tmp_path, monkeypatch):
 def test_every_verb_answers_help_apart():
     assert program_apart("--help").status == 0
     assert set(VERBS) >= {"run-mission", "doctor"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limit")
+def test_a_limit_in_which_the_libraries_do_not_fit_is_refused_at_once():
+    """OpenBLAS tries forever to allocate its buffers, or interrupts the process as Ctrl-C does."""
+    code = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (300_000_000, 300_000_000)); "
+        "from gliderhpc.cli import main; main(['info', 'm.zarr'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "may use 300 MB of address space, and needs at least 600 MB; raise the limit" in done.stderr
