@@ -305,10 +305,13 @@ def _discard(name: str) -> None:
 
 
 def _open_standard_streams() -> None:
-    """Open standard streams that the caller has closed.
+    """Open standard streams that the caller has closed, and let stdout escape letters that its encoding lacks.
 
     Otherwise the next file opened gets their descriptor, and libraries print into that file.
     """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             _discard(name)
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        # As stderr does: a name with an umlaut would end a command whose output is in ASCII.
+        sys.stdout.reconfigure(errors="backslashreplace")

@@ -19,8 +19,8 @@ from gliderhpc.errors import CalibrationError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import current_from_displacement
 from gliderhpc.estimation.preparation import prepare_profile
-from gliderhpc.estimation.rests import run_filters_around_rests
 from gliderhpc.estimation.resample import on_steps
+from gliderhpc.estimation.rests import run_filters_around_rests
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.information import smoothed_hull_information

@@ -359,8 +359,8 @@ def describe_other(location: Location) -> str:
         return f"{location}: a file, not an archive of gliderhpc; {wanted}"
     if _has_results(location):
         return (
-            f"{location}: a copy of results, such as of one dive, that xarray wrote (`to_zarr`), not an archive: open it "
-            "with xarray.open_datatree, and give the folder that `gliderhpc run-mission` wrote"
+            f"{location}: a copy of results, such as of one dive, that xarray wrote (`to_zarr`), not an archive: open "
+            "it with xarray.open_datatree, and give the folder that `gliderhpc run-mission` wrote"
         )
     return f"{location}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission` wrote"
 
