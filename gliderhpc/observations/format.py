@@ -21,6 +21,7 @@ _SPELLINGS: dict[str, frozenset[str]] = {
     "m": frozenset({"m", "meter", "meters", "metre", "metres"}),
     "degree": frozenset(
         {"degree", "degrees", "deg", "arc_degree", "arc_degrees", "°", "degree_true", "degrees_true", "degrees true"}
+        | {"degree_T", "degrees_T", "degreeT", "degreesT"}
     ),
     "degrees_north": frozenset(
         {"degrees_north", "degree_north", "degree_N", "degrees_N", "degreeN", "degreesN", "degree", "degrees", "deg"}

@@ -31,7 +31,7 @@ from gliderhpc.observations.checks.validation import (
 )
 from gliderhpc.observations.files.columns import describe_fills, usual_fills
 from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
-from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
+from gliderhpc.observations.fixes import SurfaceFixes, decimal_degrees, rounding_error, screen_fixes
 from gliderhpc.observations.format import PROFILE_VARIABLES, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
 from gliderhpc.observations.profiles import MIN_DEPTH, detect_profiles
@@ -326,6 +326,20 @@ def time_spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpa
     return spans
 
 
+_AS_MINUTES = (
+    "the fixes agree with each other if they are DDMM.mmm, which within a degree of 0 N, 0 E are plausible degrees: "
+    "convert them to decimal degrees"
+)
+
+
+def _agree_as_minutes(
+    time: TimeArray, latitude: FloatArray, longitude: FloatArray, usable: npt.NDArray[np.bool_]
+) -> bool:
+    """Return whether most fixes that contradict each other in decimal degrees do not if they are DDMM.mmm."""
+    found = screen_fixes(time, decimal_degrees(latitude), decimal_degrees(longitude), usable)
+    return bool(usable.any()) and 2 * len(found.time) > int(usable.sum())
+
+
 def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
     """Fixes of the file, and warnings about them."""
     count = stored.size("fix")
@@ -340,7 +354,8 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
         found = screen_fixes(clock.time, latitude, longitude, usable)
     if not len(found.time):
         missing = [f"time or position is missing in all {count}"] if count else []
-        why = "; ".join([*warnings, *found.reasons[:1]] or missing)
+        form = [_AS_MINUTES] if count and _agree_as_minutes(clock.time, latitude, longitude, usable) else []
+        why = "; ".join([*warnings, *found.reasons[:1], *form] or missing)
         return found, (
             f"there is no usable GPS fix in the file{f' ({why})' if why else ''}: profiles are inverted, but their "
             "currents will be NaN",

@@ -121,6 +121,7 @@ def test_a_sense_after_a_unit_is_dropped_if_it_is_the_usual_one(text, unit):
     [
         ("heading", "degrees clockwise from north", True),
         ("heading", "degree_true", True),
+        ("heading", "degree_T", True),
         ("heading", "degrees clockwise from magnetic north", False),
         ("depth", "m (positive down)", True),
         ("depth", "Meters", True),

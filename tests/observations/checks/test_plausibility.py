@@ -108,6 +108,15 @@ def test_fixes_at_null_are_missing(tmp_path):
         assert "no usable GPS fix in the file (GPS fix of" in observations.warnings[0]
 
 
+def test_minutes_within_a_degree_of_null_are_recognised(tmp_path):
+    """DDMM.mmm below one degree is a plausible position in degrees, sixty times as far from the next."""
+    along = 0.0010137 * np.arange(7)
+    minutes = {"fix_latitude": 60.0 * (0.35 + along), "fix_longitude": 60.0 * (0.62 + along)}
+    path = write(tmp_path, **minutes)
+    with open_observations(path) as observations:
+        assert "agree with each other if they are DDMM.mmm" in observations.warnings[0]
+
+
 def test_a_position_that_never_changes_is_stale(tmp_path):
     """The first surfacing may be right; nothing stays in place to the last digit for longer than half an hour."""
     made = mission(4)
