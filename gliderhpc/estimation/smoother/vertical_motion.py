@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples
+from gliderhpc.estimation.priors import is_slow
 from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.estimation.still_water_glide import still_water_glide
 
@@ -34,8 +35,9 @@ MIN_MOTION = 0.003
 """Smallest variation of the depth rate (m/s) that is attributed to the water. Without vertical motion it is 0.0002 to
 0.001 on twins with shear, gusts, fouling, or a wrong hull."""
 
-_LOG_ODDS = 3.0
-"""Logarithm of the prior odds of motion where the depth rate varies: internal waves are the usual reason."""
+_LOG_ODDS, _SLOW_LOG_ODDS = 3.0, 0.0
+"""Logarithms of the prior odds of motion where the depth rate varies: internal waves are the usual reason. Slow records
+hardly distinguish them from slow forces, so that the odds would decide there."""
 
 _SPACING, _MAX_KNOTS = 150.0, 23
 """Smallest distance of two knots, s, and largest number of knots."""
@@ -119,7 +121,8 @@ STILL = MotionPrior(0.0)
 
 def motion_prior(profile: PreparedProfile) -> MotionPrior:
     """Return the motion that the depth rates of a profile suggest."""
-    return MotionPrior(motion_deviation(profile), _LOG_ODDS)
+    slow = is_slow(profile.glider.platform, profile.series.attitude_interval)
+    return MotionPrior(motion_deviation(profile), _SLOW_LOG_ODDS if slow else _LOG_ODDS)
 
 
 def motion_deviation(profile: PreparedProfile) -> float:
