@@ -25,6 +25,7 @@ from gliderhpc.tuning.record_checks.finding import (
     undetermined,
     undetermined_if_insensitive,
 )
+from gliderhpc.tuning.record_checks.rotary import CurrentModel, is_explained_by_rotation
 from gliderhpc.tuning.record_checks.turns import TurnInformation
 from gliderhpc.wording import counted
 
@@ -48,12 +49,15 @@ class Leg:
         Derivatives of the current by an error of the heading: constant, and times `harmonics`, m/s per rad.
     by_speed : (2,)
         Derivative of the current by a relative error of the speed, m/s.
+    latitude : float
+        Latitude of the fix before the profile, degree; NaN if not known.
     """
 
     time: float
     current: Array
     by_error: Array
     by_speed: Array
+    latitude: float = float("nan")
 
 
 def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, errors: CurrentErrors) -> Leg | None:
@@ -63,7 +67,7 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
     tracks = (track_of(series, m, single_cycle(series)) for m in (still, motion))
     drift, current = (depth_averaged_current(record, track, errors) for track in tracks)
     length = float(np.linalg.norm(motion.total))
-    if drift is None or current is None or not length > MIN_LENGTH:
+    if record.entry_fix is None or drift is None or current is None or not length > MIN_LENGTH:
         return None
     elapsed = length / float(np.linalg.norm(drift.velocity - current.velocity))
     starboard = np.column_stack([-motion.steps[:, 1], motion.steps[:, 0]])
@@ -74,6 +78,7 @@ def leg_of(platform: Platform, record: ProfileRecord, series: ProfileSeries, err
         current=current.velocity,
         by_error=-starboard.T @ basis / elapsed,
         by_speed=-motion.total / elapsed,
+        latitude=record.entry_fix.latitude,
     )
 
 
@@ -164,7 +169,9 @@ def compass_findings(
     Few legs leave few degrees of freedom, and a threshold of many standard errors. Each quantity is therefore taken
     from the fit of most harmonics whose threshold is at most the plausible error, and tested once: the choice depends
     on standard errors, not on estimates. If no fit has such a threshold, the simplest is tested; an error that is not
-    found there is not determined.
+    found there is not determined. Neither is one that does not explain the currents clearly better than a current that
+    rotates with the inertial or the tidal period (`is_explained_by_rotation`), as where each heading was flown in one
+    block of time only.
     """
     if len(legs) < MIN_LEGS:
         reason = (
@@ -180,7 +187,24 @@ def compass_findings(
         reason = "the currents differ too much from profile to profile"
         return [undetermined(CHECK, name, UNIT, reason) for name in (CONSTANT, DEVIATION)]
     made = records or RecordSettings()
-    return [_constant(fits, len(legs), checks, made), _deviation(fits, len(legs), turns, checks, made)]
+    findings = [_constant(fits, len(legs), checks, made), _deviation(fits, len(legs), turns, checks, made)]
+    tested = ([0], list(range(1, fits[0].unknowns)))
+    return [
+        _undetermined_if_rotating(finding, system.model, fits[0].values, errors)
+        for finding, errors in zip(findings, tested, strict=True)
+    ]
+
+
+def _undetermined_if_rotating(finding: Finding, model: CurrentModel, values: Array, tested: Sequence[int]) -> Finding:
+    """Return a finding, or "not determined" if a rotating current explains the legs nearly as well."""
+    if not finding.found or not is_explained_by_rotation(model, values, tested):
+        return finding
+    why = (
+        f"{finding.size:+.2g} ± {finding.error:.2g} {finding.unit} would explain these currents, and so would a "
+        "current that rotates with the inertial or the tidal period; the same headings at other times are needed to "
+        "decide which"
+    )
+    return undetermined(finding.check, finding.quantity, finding.unit, why)
 
 
 _LEAST_MIRRORED, _PLAUSIBLE_MIRRORED = 0.5, 0.8
@@ -332,6 +356,16 @@ class _System:
         mean = np.kron(np.eye(2), np.ones((count, 1)))
         self._nuisance = np.column_stack([mean, by_speed])
         self._turns = turns
+        self.model = CurrentModel(
+            self._time,
+            np.array([leg.latitude for leg in legs]),
+            self._current,
+            self._by_error,
+            by_speed,
+            turns.information,
+            turns.vector,
+            np.radians(checks.plausible_deviation),
+        )
         self._prior = np.radians(checks.plausible_deviation) ** -2.0
 
     def fitted(self, directions: Array) -> _Fit:
