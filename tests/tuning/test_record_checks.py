@@ -22,6 +22,7 @@ from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform
 from gliderhpc.platform_sections import CalibrationErrors
+from gliderhpc.simulator import load_scenario, simulate_mission
 from gliderhpc.tuning.least_squares import left_out_covariance
 from gliderhpc.tuning.record_checks import CheckSettings, CheckVerdict, Finding
 from gliderhpc.tuning.record_checks.compass import (
@@ -336,6 +337,21 @@ def test_a_scale_of_the_pitch_is_found_where_steepness_varies_enough():
     assert pitch_findings(CALIBRATED, misread(0, 0.86, (20.0, 26.0)), CHECKS)[-1].verdict is CheckVerdict.UNDETERMINED
 
 
+def test_glides_of_one_steepness_do_not_contradict_the_hull():
+    """Errors that cannot be separated led the fit in circles, and a right hull was said not to fit the glides."""
+    gain = pitch_findings(CALIBRATED, segments(0, steepness=(22.4, 23.6), scatter=0.01), CHECKS)[-1]
+    assert (gain.quantity, gain.verdict) == (GAIN, CheckVerdict.UNDETERMINED)
+    assert gain.remark.startswith("known only to")
+    assert "more glides that differ more in steepness are needed" in gain.remark
+
+
+def test_a_hull_that_cannot_glide_as_recorded_is_named_as_such():
+    level = segments(0)
+    finding = pitch_findings(CALIBRATED, replace(level, depth_rate=level.depth_rate, pitch=-level.pitch), CHECKS)[0]
+    assert finding.verdict is CheckVerdict.UNDETERMINED
+    assert finding.remark.startswith("the hull cannot glide as most of these records show: calibrate the hull")
+
+
 def test_few_glides_rule_nothing_out_unless_a_plausible_error_would_have_been_found():
     limits = {PITCH: 2.0, GAIN: 0.3}
     found = []
@@ -421,6 +437,31 @@ def test_few_profiles_rule_no_lag_out_that_is_beyond_reach(flown):
     finding = lag_finding(PETREL, [on_steps(record, settings) for record in flown[:3]], settings, CHECKS)
     assert finding.verdict is CheckVerdict.UNDETERMINED
     assert "an error of 3 s would not be found; 3 profiles, but more are needed" in finding.remark
+
+
+def test_a_hull_in_calm_water_shows_no_lag(tmp_path):
+    """Where innovations are far below their variances, the logarithm of these had decided for a lag of -2.3 s."""
+    shipped, settings = read_platform("slocum"), EstimationSettings()
+    sensors = shipped.sensors.model_copy(update={"sample_interval": 1.0})
+    scenario = load_scenario("calm").replaced({"profiles": 4, "depth": 100.0})
+    flown_hull = shipped.model_copy(update={"sensors": sensors})
+    simulate_mission(flown_hull, tmp_path / "calm.nc", scenario=scenario, seed=4)
+    lag = {"actuator_lag": scenario.actuation.lag}
+    hull = flown_hull.model_copy(update={"sensors": sensors.model_copy(update=lag)})
+    with open_observations(tmp_path / "calm.nc") as opened:
+        series = [on_steps(opened.profile(number), settings, hull) for number in opened.profile_numbers]
+    finding = lag_finding(hull, series, settings, CHECKS)
+    assert abs(finding.size) < 1.0
+    assert finding.verdict is CheckVerdict.NOTHING
+
+
+def test_a_lag_is_corrected_on_a_calibrated_hull_only(flown, added_errors):
+    settings = EstimationSettings()
+    late = [on_steps(with_errors(record, added_errors), settings) for record in flown]
+    findings = [lag_finding(hull, late, settings, CHECKS) for hull in (PETREL, CALIBRATED)]
+    assert all(finding.found for finding in findings)
+    assert findings[0].suggestion == "calibrate the hull, then inspect again"
+    assert findings[1].suggestion == f"`records.depth_lag={findings[1].size:.2f}`"
 
 
 # Corrections

@@ -17,6 +17,7 @@ from gliderhpc.tuning.record_checks.finding import UndeterminedError
 from gliderhpc.tuning.steady_segments import SteadySegments
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 OFFSET, SCALE, NEUTRAL_VOLUME = "offset of the pitch", "scale of the pitch", "buoyancy.neutral_volume"
 SIDES, EXPONENT, LAYER = "difference of the drag between dives and climbs", "exponent of the drag", "surface layer"
@@ -31,10 +32,19 @@ _LAYER_ERROR, _LAYER_DEPTH = 1.0, 75.0
 """Density (kg/m3) of a surface layer apart from a straight line over depth, and the depth (m) over which it decays."""
 _STEP = 1e-3
 """Step of the finite differences, in the unknowns' sizes."""
-_PASSES, _CONVERGED, _LONGEST = 20, 0.02, 3.0
-"""Number of Gauss-Newton steps, the step that ends them and the longest step, in the unknowns' sizes."""
+_PASSES, _CONVERGED, _LONGEST, _HALVINGS = 30, 0.02, 3.0, 8
+"""Number of Gauss-Newton steps, the step (in the unknowns' sizes) or its gain in the sum of squares that ends them, the
+longest step, and how often a step that makes the fit worse is halved."""
 _BLOCKS = 12
 """Parts of a mission, of consecutive profiles each, that are left out one by one, since errors may last for days."""
+_NO_GLIDE = (
+    "the hull cannot glide as most of these records show: calibrate the hull or, if it was calibrated on them, check "
+    "the records of ballast, battery and pitch"
+)
+_NO_CONVERGENCE = (
+    "the errors of pitch, hull and water that would explain these glides cannot be separated; more glides that differ "
+    "more in steepness are needed"
+)
 _MIN_RESIDUAL = 1e-4
 """Minimum scale of the residuals of the depth rate (m/s), for the detection of outliers."""
 
@@ -131,39 +141,22 @@ def fit_depth_rates(
 ) -> DepthRateFit:
     """Fit errors of sensor, hull and water to the depth rates of steady segments.
 
-    The method is Gauss-Newton with Tukey's biweight and priors for the limited unknowns. The weights are reduced for
-    the errors that all segments of a dive or climb have in common. The covariance comes from leaving out parts of the
-    mission, and from the priors.
+    The method is Gauss-Newton with Tukey's biweight and priors for the limited unknowns; if it does not converge, it is
+    repeated with steps that are halved where they make the fit worse. The weights are reduced for the errors that all
+    segments of a dive or climb have in common. The covariance comes from leaving out parts of the mission, and from the
+    priors.
 
     Raises
     ------
     UndeterminedError
         The fit does not converge, or more than half of the segments have no steady glide near their pitch.
     """
-    prior = np.array([float(unknown.limited) for unknown in unknowns])
     model = _Model(platform, segments, tuple(unknowns), by_density)
-    leg = 2 * segments.profile + (segments.depth_rate > 0.0)
-    block = _blocks(segments.profile)
-    steps = np.zeros(len(unknowns))
-    for _ in range(_PASSES):
-        predicted, jacobian = model.with_jacobian(steps)
-        residuals = segments.depth_rate - predicted
-        known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
-        if np.count_nonzero(known) < 0.5 * len(known):
-            break
-        design, residual = jacobian[known], residuals[known]
-        weights = biweights(residual, _MIN_RESIDUAL)
-        weights /= cluster_inflation(np.sqrt(weights) * residual, leg[known])
-        normal = design.T @ (weights[:, None] * design) + np.diag(prior)
-        change = solve_normal_equations(normal, design.T @ (weights * residual) - prior * steps)
-        steps = steps + np.clip(change, -_LONGEST, _LONGEST)
-        if np.abs(change).max() < _CONVERGED:
-            covariance = left_out_covariance(design, weights, residual, block[known], prior)
-            return DepthRateFit(tuple(unknowns), steps, covariance, len(np.unique(block[known])))
-    raise UndeterminedError(
-        "the hull's balance does not fit these glides: calibrate the hull or, if it was calibrated on them, check the "
-        "records of ballast, battery and pitch"
-    )
+    # Far from the solution whole steps arrive sooner; where the errors are hardly separated they may go in circles.
+    fit = _iterated(model, damped=False) or _iterated(model, damped=True)
+    if fit is None:
+        raise UndeterminedError(_NO_CONVERGENCE)
+    return fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +186,61 @@ class _Model:
         ]
         return rates, (np.column_stack(displaced) - rates[:, None]) / _STEP
 
+    def shortened(self, steps: Array, change: Array, known: Mask, weights: Array, prior: Array) -> Array:
+        """Return a change of the steps (p,), shortened until the segments known fit no worse than before."""
+        change = change * min(1.0, _LONGEST / max(float(np.abs(change).max()), _LONGEST))
+
+        def cost(at: Array) -> float:
+            residuals = (self.segments.depth_rate - self._rate(at, None))[known]
+            return float(np.sum(weights * residuals**2) + np.sum(prior * at**2))
+
+        before = cost(steps)
+        for _ in range(_HALVINGS):
+            if cost(steps + change) <= before:
+                break
+            change = 0.5 * change
+        return change
+
     def _rate(self, steps: Array, glide: _Glide | None) -> Array:
         errors = self._errors(steps)
         return steady_depth_rate(self.platform, self.segments, errors, glide, by_density=self.by_density)
 
     def _errors(self, steps: Array) -> dict[str, float]:
         return {unknown.name: float(step) * unknown.size for unknown, step in zip(self.unknowns, steps, strict=True)}
+
+
+def _iterated(model: _Model, *, damped: bool) -> DepthRateFit | None:
+    """Return the fit by Gauss-Newton steps, `damped` if those that make it worse are halved; None if it does not end.
+
+    Raises
+    ------
+    UndeterminedError
+        More than half of the segments have no steady glide near their pitch, also with damped steps.
+    """
+    segments, unknowns = model.segments, model.unknowns
+    prior = np.array([float(unknown.limited) for unknown in unknowns])
+    leg = 2 * segments.profile + (segments.depth_rate > 0.0)
+    block = _blocks(segments.profile)
+    steps = np.zeros(len(unknowns))
+    for _ in range(_PASSES):
+        predicted, jacobian = model.with_jacobian(steps)
+        residuals = segments.depth_rate - predicted
+        known = np.isfinite(residuals) & np.isfinite(jacobian).all(axis=1)
+        if np.count_nonzero(known) < 0.5 * len(known):
+            if damped:
+                raise UndeterminedError(_NO_GLIDE)
+            return None
+        design, residual = jacobian[known], residuals[known]
+        weights = biweights(residual, _MIN_RESIDUAL)
+        weights /= cluster_inflation(np.sqrt(weights) * residual, leg[known])
+        normal = design.T @ (weights[:, None] * design) + np.diag(prior)
+        change = solve_normal_equations(normal, design.T @ (weights * residual) - prior * steps)
+        limited = np.clip(change, -_LONGEST, _LONGEST)
+        steps = steps + (model.shortened(steps, change, known, weights, prior) if damped else limited)
+        if np.abs(change).max() < _CONVERGED or (damped and change @ normal @ change < _CONVERGED):
+            covariance = left_out_covariance(design, weights, residual, block[known], prior)
+            return DepthRateFit(tuple(unknowns), steps, covariance, len(np.unique(block[known])))
+    return None
 
 
 def steady_depth_rate(

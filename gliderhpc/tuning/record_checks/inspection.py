@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gliderhpc.distributions import student_quantile
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings
-from gliderhpc.estimation.filter import filter_with_priors
+from gliderhpc.estimation.filter import FilterEstimate, filter_with_priors
 from gliderhpc.estimation.innovations import log_density
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR, default_prior
@@ -69,7 +69,9 @@ def lag_finding(
     Notes
     -----
     The filter predicts depth from the attitude through the hull's dynamics. The depth is shifted in time by whole
-    sample intervals, and the prediction-error likelihood shows which shift fits. A parabola through the best lag and
+    sample intervals, and the prediction-error likelihood shows which shift fits. The variances of the innovations are
+    those without a shift: the filter's own depend on the speed that it estimates, and where the records are calmer than
+    the prior, their logarithm would decide instead of the innovations. A parabola through the best lag and
     its two neighbours gives the lag between them. The shifts are whole intervals because interpolation between samples
     averages their noise, which the likelihood would take for a better fit. Since records may be unevenly sampled, the
     depth is first smoothed over an interval, in the same way for all lags. Each profile is one observation of the slope
@@ -109,11 +111,17 @@ def lag_finding(
         error,
         threshold,
         judge_size(lag, threshold),
-        f"`records.depth_lag={settings.records.depth_lag + lag:.2f}`",
+        _lag_correction(platform, settings.records.depth_lag + lag),
         f"{counted(len(series), 'profile')}, a sample every {interval:.3g} s; depends on the hull's coefficients",
     )
     limit = max((REACH - 1) * interval, (REACH - 1) * checks.timing_error)
     return undetermined_if_insensitive(finding, limit, f"{counted(len(series), 'profile')}, but more are needed")
+
+
+def _lag_correction(platform: Platform, lag: float) -> str:
+    """Return the setting for a calibrated hull only; errors of any other hull may look like a lag."""
+    calibrated = platform.calibration is not None
+    return f"`records.depth_lag={lag:.2f}`" if calibrated else "calibrate the hull, then inspect again"
 
 
 def _vertex(curve: Array, middle: float, spacing: float) -> tuple[float, float]:
@@ -141,12 +149,15 @@ def _log_likelihood(
         bodies, vibrating = prepared.bodies[first:last], prepared.vibrating[first : last + 1]
         profiles += [PreparedProfile(glider, _with_depth_earlier(profile, lag), bodies, vibrating) for lag in lags]
         priors += [default_prior(platform, profile.attitude_interval)] * len(lags)
-    gate = settings.filter.gate
-    log_likelihoods = [
-        np.nansum(log_density(estimate.innovations, estimate.innovation_variances, gate))
-        for estimate in filter_with_priors(profiles, priors, settings)
-    ]
-    return np.reshape(log_likelihoods, (len(series), len(lags)))
+    estimates = list(filter_with_priors(profiles, priors, settings))
+    rows = [estimates[first : first + len(lags)] for first in range(0, len(estimates), len(lags))]
+    middle = int(np.argmin(np.abs(lags)))
+    return np.array([_row_of_likelihoods(row, row[middle].innovation_variances, settings.filter.gate) for row in rows])
+
+
+def _row_of_likelihoods(row: Sequence[FilterEstimate], variances: Array, gate: float) -> list[float]:
+    """Log-likelihoods of one profile by lag, with the variances expected without a lag."""
+    return [float(np.nansum(log_density(estimate.innovations, variances, gate))) for estimate in row]
 
 
 def _with_depth_earlier(series: ProfileSeries, lag: float) -> ProfileSeries:
