@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from gliderhpc.observations.profiles import stretches
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -155,6 +157,18 @@ def legend(axes: Axes, where: Literal["best", "upper right", "lower right"] = "b
     """Draw a panel's legend if any of its curves has a name."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(loc=where, fontsize=SMALL, framealpha=0.8, edgecolor="none", borderpad=0.3)
+
+
+def outer_legend(figure: Figure, axes: Sequence[Axes]) -> None:
+    """Draw one legend of all curves of some panels to their right, where it covers none; equal names appear once."""
+    named: dict[str, Artist] = {}
+    for panel in axes:
+        for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+    if named:
+        figure.legend(
+            list(named.values()), list(named), loc="outside right upper", fontsize=SMALL, frameon=False, borderpad=0.3
+        )
 
 
 def mark_empty(axes: Axes, text: str) -> None:

@@ -52,6 +52,7 @@ _TITLE_TOP, _TEXT_TOP, _LINE, _LEGEND = 0.984, 0.962, 0.0149, 0.032
 """Fractions of the page's height: top of title and of text, height of a line, and of a legend of one line."""
 
 _LEGEND_COLUMNS = 5
+"""Maximum number of the legend's columns."""
 
 _DASHES = (0, (4, 2))
 _BAND, _ADJOINT_BAND = 0.3, 0.15
@@ -87,7 +88,7 @@ def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> F
     smoothed = _read_smoothed(archive, number)
     figure = Figure(figsize=A4, dpi=DPI)
     handles = _legend_handles(data, smoothed is not None, truth is not None)
-    top = _head(figure, data, truth) - _LEGEND - _LINE * ((len(handles) - 1) // _LEGEND_COLUMNS)
+    top = _head(figure, data, truth) - _LEGEND - _LINE * (_legend_rows(handles) - 1)
     panels = _panels(figure, data, top)
     for column, axes in enumerate(panels[: len(TRACKED)]):
         _draw_tracked(axes, data, column)
@@ -205,7 +206,8 @@ def _draw_disturbance(
     if true is not None:
         curves["truth"] = true[:, channel]
         axes.plot(minutes, true[:, channel], color=TRUTH, linewidth=0.7, linestyle=_DASHES, label="truth")
-    limits = axis_limits(list(curves.values()), data.steady)
+    bands = [edge for each in (data, smoothed) if each is not None for edge in _band(each, channel)]
+    limits = axis_limits([*curves.values(), *bands], data.steady)
     axes.set_ylim(*limits)
     axes.set_ylabel(f"$B_{{{name.removeprefix('B_')}}}$ ({_UNITS[unit]})\n{NAMES[name].split()[0]}", fontsize=_MEDIUM)
     axes.yaxis.set_label_coords(-0.068, 0.5)
@@ -215,15 +217,21 @@ def _draw_disturbance(
         _note(axes, outside, "right", inside=true is not None)
 
 
+def _band(data: ProfileData, channel: int) -> tuple[Array, Array]:
+    """Return the lower and upper edge of the band of one standard deviation on either side of a disturbance."""
+    middle, deviation = data.disturbances[:, channel], data.disturbances_std[:, channel]
+    return middle - deviation, middle + deviation
+
+
 def _draw_band(axes: Axes, data: ProfileData, channel: int, colour: str, opacity: float) -> None:
     """Draw one standard deviation of a disturbance on either side, if the estimate has one."""
-    middle, deviation = data.disturbances[:, channel], data.disturbances_std[:, channel]
-    if not np.isfinite(deviation).any():
+    lower, upper = _band(data, channel)
+    if not np.isfinite(upper).any():
         return
     axes.fill_between(
         data.time / 60.0,
-        middle - deviation,
-        middle + deviation,
+        lower,
+        upper,
         color=colour,
         alpha=opacity,
         linewidth=0.0,
@@ -280,13 +288,17 @@ def _legend_handles(data: ProfileData, smoothed: bool, truth: bool) -> list[Arti
     return handles
 
 
+def _legend_rows(handles: list[Artist]) -> int:
+    return -(-len(handles) // _LEGEND_COLUMNS)
+
+
 def _draw_legend(figure: Figure, handles: list[Artist], top: float) -> None:
-    """Draw one legend for all panels, directly above them."""
+    """Draw one legend for all panels, directly above them, in rows of nearly equal length."""
     figure.legend(
         handles=handles,
         loc="lower left",
         bbox_to_anchor=(_LEFT - 0.008, top + 0.011),
-        ncols=min(len(handles), _LEGEND_COLUMNS),
+        ncols=-(-len(handles) // _legend_rows(handles)),
         fontsize=_MEDIUM - 0.5,
         frameon=False,
         handlelength=1.8,

@@ -159,6 +159,25 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
     assert {"adjoint, 68 %", "smoother, 68 %"} < {text.get_text() for text in figure.legends[0].get_texts()}
 
 
+def test_the_axes_contain_wide_bands(tmp_path):
+    """Bands far wider than the curves filled their panels, so that their width could not be read."""
+    path = write_archive(tmp_path / "twin.zarr", Content(1))
+    clock = start_of(1).astype("int64") / 1e9 + STEP * EVERY * np.arange(STEPS // EVERY + 1)
+    values = {name: np.sin(clock / 30.0) for name in CHANNELS}
+    deviation = {f"{name}_std": np.full(len(clock), 20.0) for name in CHANNELS}
+    put_profile(path, 0, "state", {"time": clock, **dict.fromkeys(TRACKED, 0.0 * clock), **deviation})
+    put_profile(path, 0, "smoothed", {"time": clock, **dict.fromkeys(TRACKED, 0.0 * clock), **values, **deviation})
+    with open_mission(path) as archive:
+        figure = profile_figure(archive, 1, None)
+    for name, axes in panels(figure).items():
+        if name in CHANNELS:
+            low, high = axes.get_ylim()
+            bands = [patch for patch in axes.collections if patch.get_alpha() in (0.3, 0.15)]
+            edges = np.concatenate([band.get_paths()[0].vertices[:, 1] for band in bands])
+            assert len(bands) == 2
+            assert low < edges.min() < -19.0 < 19.0 < edges.max() < high
+
+
 def test_the_truth_of_another_profile_is_refused(tmp_path, truth):
     with pytest.raises(InputError, match="another mission"):
         drawn(tmp_path, Content(2), truth)

@@ -31,9 +31,9 @@ from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.drift.change_points import find_changes
 from gliderhpc.studies.library.drift.change_rows import change_rows, read_changes, stored_changes
-from gliderhpc.studies.library.drift.change_search import spikes
+from gliderhpc.studies.library.drift.change_search import Size, spikes
 from gliderhpc.studies.library.drift.change_text import change_lines, describe_change
-from gliderhpc.studies.library.drift.changes import Changes
+from gliderhpc.studies.library.drift.changes import MOMENTS, Change, Changes
 from gliderhpc.studies.library.drift.coefficients import (
     OWN,
     SegmentMedians,
@@ -46,6 +46,7 @@ from gliderhpc.studies.library.drift.departures import NOISE_MODELS, OWN_SLOPE, 
 from gliderhpc.studies.library.drift.drag import CAUSES, combine_errors, find_onset, shared_drag
 from gliderhpc.studies.library.drift.medians import (
     MIN_RECORDS,
+    PRIMARY,
     UNITS,
     ChangeSettings,
     DriftSettings,
@@ -78,6 +79,7 @@ from gliderhpc.studies.library.trends import (
 )
 from gliderhpc.studies.registry import missing_input
 from gliderhpc.studies.request import Request
+from gliderhpc.vocabulary import PHASES
 
 HULL = read_platform("petrel-l")
 SETTINGS = DriftSettings(resamples=200)
@@ -637,6 +639,19 @@ def test_the_mission_page_begins_with_the_drift_that_the_study_found(fouled):
     remarks = [line for block in section.blocks if isinstance(block, Remarks) for line in block.texts]
     assert any("compatible with fouling" in sentence for sentence in sentences)
     assert {f"study drift: {sentence}" for sentence in sentences} <= set(remarks)
+
+
+@pytest.mark.compiled
+@pytest.mark.usefixtures("answer")
+def test_the_mission_page_names_steps_of_the_moments(fouled, monkeypatch):
+    size = Size(0.4, 0.3, 0.5)
+    sizes = {(name, phase, estimate): size for name in MOMENTS for phase in PHASES for estimate in PRIMARY}
+    step = Change("step", "lasts", PHASES, PRIMARY, 8, 14, None, (1.0, 2.0), float("nan"), 0.002, 1.0, sizes)
+    monkeypatch.setattr("gliderhpc.report.studies.drift.read_moment_changes", lambda _: Changes((step,), 0.002))
+    with open_for_reading(fouled) as archive:
+        sentences = drift_sentences(archive)
+    assert any(sentence.startswith("a step: from profile 8 on") and "pitching moment" in sentence
+               for sentence in sentences)  # fmt: skip
 
 
 @pytest.mark.compiled

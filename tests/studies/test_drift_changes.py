@@ -9,6 +9,7 @@ import xarray as xr
 
 from benchmarks import drift_series
 from gliderhpc.platform import read_platform
+from gliderhpc.report.studies.drift import drag_figure, figure_9
 from gliderhpc.store_schema.columns import median_column
 from gliderhpc.store_schema.schema import group_called
 from gliderhpc.studies.library.drift import change_points
@@ -83,6 +84,18 @@ def test_a_step_of_the_rolling_moment_is_found_and_named():
     assert "a lost wing, or a battery or payload that has shifted sideways" in line
 
 
+def test_three_moments_that_change_at_once_may_be_a_lost_wing():
+    """A lost wing tilts, rolls and turns the hull; one whose pitch alone changes has lost no wing."""
+    wing = ROLLED | {("B_cq", "dive"): -0.3, ("B_cq", "climb"): -0.4}
+    (line,) = moment_lines(find_moment_changes(stepped(moments=wing), HULL, SETTINGS, 0), PER_DEGREE)
+    assert line.count("; also the ") == 2
+    cause = "since all three moments change at the same profile, also with a lost or bent wing or fin"
+    assert cause in line
+    for other in (ROLLED, {("B_cq", "climb"): -0.36}):
+        (line,) = moment_lines(find_moment_changes(stepped(moments=other), HULL, SETTINGS, 0), PER_DEGREE)
+        assert "all three" not in line
+
+
 def test_the_verdict_names_a_change_of_the_moments():
     table = stepped(moments=ROLLED)
     moments = find_moment_changes(table, HULL, SETTINGS, 0)
@@ -93,6 +106,26 @@ def test_the_verdict_names_a_change_of_the_moments():
     assert "rolling moment: +0.3" in lines[2]
     assert "these records do not prove a cause" in lines[-1]
     assert found.verdict.as_json(0.5)["moment_changes"]["found"][0]["moment"] == "rolling moment"
+
+
+def test_no_line_is_drawn_through_a_step_and_no_legend_over_data():
+    table = stepped(moments=ROLLED)
+    moments = find_moment_changes(table, HULL, SETTINGS, 0)
+    found = find_drift(table, HULL, DriftSettings(resamples=200), changes=Changes(p=0.5), moments=moments)
+    figure = figure_9("mission", table, found.primary, (), moments.found)
+    lines = {
+        panel.get_title(loc="left")[4:]: [one for one in panel.lines if one.get_linestyle() != "None"]
+        for panel in figure.axes
+    }
+    assert {name for name in (*MOMENTS, "B_cu") if not lines[name]} == {"B_cp", "B_cr"}
+    (drag,) = drag_changes(drag={"dive": 0.2, "climb": 0.2}).found
+    for one in (figure, drag_figure("mission", table, found.verdict.drags, (drag,))):
+        assert not any(panel.get_legend() for panel in one.axes)
+        names = [text.get_text() for text in one.legends[0].get_texts()]
+        assert {"dive, adjoint", "climb, smoothed"} < set(names)
+        assert len(names) == len(set(names))
+    assert not any(one.get_linestyle() != "None" for panel in drag_figure(
+        "mission", table, found.verdict.drags, (drag,)).axes for one in panel.lines)  # fmt: skip
 
 
 def test_a_moment_on_one_leg_and_a_small_one():

@@ -11,7 +11,7 @@ import pandas as pd
 
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, legend, panels
+from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, outer_legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings
 from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
 from gliderhpc.report.studies.hull import change_findings
@@ -31,7 +31,7 @@ from gliderhpc.studies.drift import NAME
 from gliderhpc.studies.library.drift.change_points import SEARCHES
 from gliderhpc.studies.library.drift.change_rows import change_rows, moment_rows, read_changes, read_moment_changes
 from gliderhpc.studies.library.drift.change_text import change_lines, moment_lines, shaded
-from gliderhpc.studies.library.drift.changes import MOMENTS, Change
+from gliderhpc.studies.library.drift.changes import AXIAL, MOMENTS, Change, Changes
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn, read_slopes
 from gliderhpc.studies.library.drift.drag import OTHER_CAUSES, DragDrift
 from gliderhpc.studies.library.drift.medians import (
@@ -73,9 +73,9 @@ _NOTE = (
     "Medians over the steady glide of each profile: circles from the adjoint, triangles from the smoother, crosses "
     "from the filter where it is used for the verdict. Lines are Theil-Sen slopes: solid where the robust verdict is a "
     "drift (Mann-Kendall by the moving-block bootstrap, Holm's correction, interval of the slope without zero), dotted "
-    "where only the paper's plain test and interval show one, dashed where neither does. Bars: two standard "
-    "deviations within epochs. Axial and heave force are weakly observed; their levels depend on the prior and on the "
-    "hull's coefficients."
+    "where only the paper's plain test and interval show one, dashed where neither does; none is drawn through a step "
+    "or ramp that was found (shaded). Bars: two standard deviations within epochs. Axial and heave force are weakly "
+    "observed; their levels depend on the prior and on the hull's coefficients."
 )
 
 
@@ -107,9 +107,9 @@ def figure_9(
         for own in trends:
             for phase in PHASES:
                 name, trend = median_column(channel, phase, own.estimate), own.trends[channel, phase]
-                _draw(panel, table, name, trend, phase, own.estimate)
+                _draw(panel, table, name, trend, phase, own.estimate, line=_has_line(channel, changes, moments))
         _shade(panel, table, moments if channel in MOMENTS else changes)
-    legend(axes[0])
+    outer_legend(figure, axes)
     footnote(figure, _NOTE)
     return figure
 
@@ -120,15 +120,18 @@ def drag_figure(title: str, table: pd.DataFrame, drags: Sequence[DragDrift], cha
     for panel, drag in zip(axes, drags, strict=True):
         label(panel, f"{drag.estimate} estimate", "days", "change of K_D0 (kg/m)")
         for phase in PHASES:
-            _draw(panel, table, median_column(DRAG, phase, drag.estimate), drag.phases[phase], phase, drag.estimate)
+            name = median_column(DRAG, phase, drag.estimate)
+            line = _has_line(DRAG, changes, ())
+            _draw(panel, table, name, drag.phases[phase], phase, drag.estimate, line=line)
         _shade(panel, table, changes)
-        legend(panel)
+    outer_legend(figure, axes)
     footnote(
         figure,
         "Solid: drift by the robust test (each series by itself) and the slope's interval; dotted: by the plain test "
-        "and interval alone; dashed: by neither. A change of weight in water, or of the pitch sensor's offset, has "
-        "opposite effects on dive and climb; a change of drag has the same effect on both. Shaded: steps, ramps and "
-        "episodes; trends of the drag are those outside the episodes. Small points: profiles outside the epochs.",
+        "and interval alone; dashed: by neither; no line through a step or ramp that was found. A change of weight in "
+        "water, or of the pitch sensor's offset, has opposite effects on dive and climb; a change of drag has the same "
+        "effect on both. Shaded: steps, ramps and episodes; trends of the drag are those outside the episodes. Small "
+        "points: profiles outside the epochs.",
     )
     return figure
 
@@ -140,7 +143,17 @@ def _shade(axes: Axes, table: pd.DataFrame, changes: Sequence[Change]) -> None:
         axes.axvspan(first - half, last + half, facecolor=SHADE, alpha=0.3, linewidth=0.0, zorder=0.5, label=name)
 
 
-def _draw(axes: Axes, table: pd.DataFrame, name: str, trend: SeriesTrend, phase: str, estimate: str) -> None:
+def _has_line(quantity: str, changes: Sequence[Change], moments: Sequence[Change]) -> bool:
+    """Return whether a line may describe a quantity: no step or ramp of it was found, only episodes."""
+    own = [change for change in moments if quantity in change.moments]
+    if quantity in (AXIAL, DRAG):
+        own += changes
+    return Changes(tuple(own)).allow_line
+
+
+def _draw(
+    axes: Axes, table: pd.DataFrame, name: str, trend: SeriesTrend, phase: str, estimate: str, *, line: bool
+) -> None:
     from matplotlib.colors import to_rgba
 
     days, values = days_of(table), values_of(table, name)
@@ -160,7 +173,7 @@ def _draw(axes: Axes, table: pd.DataFrame, name: str, trend: SeriesTrend, phase:
         elinewidth=0.6,
         label=f"{phase}, {estimate}",
     )
-    if trend.trend.count and trend.span > 0.0:
+    if line and trend.trend.count and trend.span > 0.0:
         style = "-" if trend.is_significant else ":" if trend.primary else "--"
         axes.plot(
             (trend.trend.begin, trend.trend.end),
@@ -328,11 +341,12 @@ def _drift_findings(
 
 
 def drift_sentences(archive: Archive) -> tuple[str, ...]:
-    """Return sentences on the drift, steps and episodes that the study found; empty if it found none."""
+    """Return sentences on the drift, steps and episodes of drag and moments that the study found, or an empty tuple."""
     settings = DriftSettings.model_validate(provenance_of(archive, NAME).settings)
     verdict = _drift_findings(archive, study_table(archive, NAME), read_slopes(archive), settings).verdict
     changes = change_lines(verdict.changes, verdict.drags[0].reference) if verdict.changes.found else ()
-    return (*((verdict.meaning,) if verdict.cause != "none" else ()), *changes)
+    moments = moment_lines(verdict.moments, verdict.per_degree) if verdict.moments.found else ()
+    return (*((verdict.meaning,) if verdict.cause != "none" else ()), *changes, *moments)
 
 
 def _inputs(findings: DriftFindings) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from gliderhpc.findings.findings import number
 from gliderhpc.studies.library.drift.change_search import Size
-from gliderhpc.studies.library.drift.changes import AXIAL, Change, Changes
+from gliderhpc.studies.library.drift.changes import AXIAL, MOMENTS, Change, Changes
 from gliderhpc.studies.library.drift.medians import DRAG
 from gliderhpc.studies.library.drift.shape_fits import EPISODE, FORMS, RAMP
 from gliderhpc.vocabulary import PHASES
@@ -165,6 +165,9 @@ MOMENT_MEANINGS = {
 }
 """Possible causes of a change, by the moment that changes most."""
 
+ALL_MOMENTS = "a lost or bent wing or fin, or damage to the hull"
+"""Further possible causes where rolling, pitching and yawing moment change at the same profile."""
+
 SEARCHED_MOMENTS = "rolling, pitching or yawing moment"
 
 
@@ -190,8 +193,15 @@ def _describe_moments(change: Change, per_degree: float) -> str:
     return describe_course(
         change,
         f"{MOMENT_NAMES[lead]}: {_moment_sizes_text(change, lead)}, enough to tilt the hull by "
-        f"{largest / per_degree:.1f} degrees{also}; compatible with {MOMENT_MEANINGS[lead]}",
+        f"{largest / per_degree:.1f} degrees{also}; compatible with {MOMENT_MEANINGS[lead]}{_further_causes(change)}",
     )
+
+
+def _further_causes(change: Change) -> str:
+    """Return the causes that change all three moments at once; empty where only one or two change."""
+    if not set(change.moments) >= set(MOMENTS):
+        return ""
+    return f"; since all three moments change at the same profile, also with {ALL_MOMENTS}"
 
 
 def _moment_sizes_text(change: Change, name: str) -> str:
