@@ -86,7 +86,8 @@ class FilterEstimate:
     def describe(self) -> str:
         """Describe the counts in one clause, with the quantity that most often departs from the model."""
         counts = f"filter: {self.gated} gated, {self.inflated} inflated, {self.reset} reset of {self.fed} samples"
-        return f"{counts}, most of them in {self.departing}" if self.departing else counts
+        affected = self.gated + self.inflated + self.reset > 0
+        return f"{counts}, most of them in {self.departing}" if affected and self.departing else counts
 
     @cached_property
     def departing(self) -> str:

@@ -39,6 +39,9 @@ SLOPE_BIAS = "the neutral volume was fitted with measured density, so heave, spe
 
 Mask = NDArray[np.bool_]
 
+_MAX_REJECTED_SHARE = 0.02
+"""Share of gated and inflated samples above which a remark is added; a few belong to every inflection."""
+
 
 def implausible_motion(estimate: ProfileEstimate) -> Mask:
     """Mask ``(n+1,)`` of samples whose reconstructed angle of attack or speed lies outside the plausible range."""
@@ -200,7 +203,7 @@ def _remarks_on_samples(estimate: ProfileEstimate) -> list[str]:
         lines.append(f"gaps totalling {estimate.series.gap_seconds:.0f} s were ignored")
     if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:
         lines.append(estimate.profile.velocity.refusal)
-    if estimate.filtered.rejected_fraction > 0.0:
+    if estimate.filtered.reset > 0 or estimate.filtered.rejected_fraction > _MAX_REJECTED_SHARE:
         lines.append(estimate.filtered.describe())
     return lines
 

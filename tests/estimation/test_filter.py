@@ -1,5 +1,6 @@
 """Filter: input, estimate, the vibration set, and initial values."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from gliderhpc.estimation.filter import filter_with_priors, refusal, run_filter,
 from gliderhpc.estimation.preparation import prepare_profile, vibration_set
 from gliderhpc.estimation.priors import ROUGH_WATER, candidate_priors, default_prior
 from gliderhpc.estimation.profile import estimate_profile
-from gliderhpc.estimation.quality import remarks
+from gliderhpc.estimation.quality import _remarks_on_samples, remarks
 from gliderhpc.estimation.resample import resample
 from gliderhpc.estimation.self_motion import flight_guesses, smoothed_slope
 from gliderhpc.estimation.sensor_noise import measurement_variance
@@ -214,6 +215,22 @@ def test_an_outlier_is_gated_and_leaves_no_trace():
     assert prior.describe().endswith("samples, most of them in pitch")
     assert "most of them" not in clean.describe()
     assert np.abs(prior.states[at:, :3] - clean.states[at:, :3]).max() < 1e-3
+
+
+@pytest.mark.parametrize(("gated", "reset", "remarked"), [(0, 0, False), (20, 0, False), (21, 0, True), (1, 1, True)])
+def test_only_a_share_of_rejected_samples_that_matters_is_remarked(gated, reset, remarked):
+    series, _ = glide_record()
+    prior = replace(filtered(series), gated=gated, inflated=0, reset=reset, fed=1000)
+    estimate = SimpleNamespace(series=series, profile=SimpleNamespace(velocity=None), filtered=prior)
+    lines = [line for line in _remarks_on_samples(estimate) if line.startswith("filter")]
+    assert bool(lines) is remarked
+
+
+def test_most_of_no_samples_are_in_no_quantity():
+    series, _ = glide_record()
+    prior = replace(filtered(series), gated=0, inflated=0, reset=0)
+    prior.__dict__["departing"] = "pitch"
+    assert prior.describe().endswith(f"0 reset of {prior.fed} samples")
 
 
 def test_inside_the_vibration_set_the_variance_gives_way_instead():
