@@ -47,6 +47,18 @@ def commands(tmp_path_factory):
         yield folder
 
 
+@pytest.mark.parametrize(
+    "page", [REPOSITORY / "README.md", *(DOCS / "how-to").glob("*.md")], ids=lambda page: page.name
+)
+def test_the_current_of_examples_is_the_adopted_one(page):
+    """Reports and exports give the smoother's; a reader of `dac_north` compared another one with them."""
+    text = page.read_text("utf-8")
+    read = (
+        set(re.findall(r"""["']dac_(?:north|east)["']""", text)) if "open_mission" in text or "datatree" in text else ()
+    )
+    assert not read
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("page", PLAIN)
 def test_a_page_does_what_it_says(page, commands, tmp_path):
