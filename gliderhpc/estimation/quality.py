@@ -156,7 +156,8 @@ def _remarks_on_record(platform: Platform, estimate: ProfileEstimate) -> list[st
     """Remark on the disturbance prior, and on filled, false and noisy samples."""
     series, lines = estimate.series, []
     if estimate.filtered.prior_name == "rough_water":
-        freed = "sway and roll were" if estimate.filtered.prior.correlation_time == ROUGH_WATER.correlation_time else "the yawing moment was"
+        gusty = estimate.filtered.prior.correlation_time == ROUGH_WATER.correlation_time
+        freed = "sway and roll were" if gusty else "the yawing moment was"
         lines.append(f"the default disturbance prior does not fit this record, so {freed} given a gust prior")
     if series.filled:
         interval = series.attitude_interval if "pitch" in series.filled else series.sample_interval

@@ -61,7 +61,7 @@ def test_driving_weight_is_half_the_difference_between_the_legs(weight, expected
 
 
 def speed_error(monkeypatch, seed, *, usual):
-    """RMS error of the smoothed speed of a slow dive in weak gusts, m/s; `usual`: with the usual forces in the prior."""
+    """RMS error of the speed of a slow dive in weak gusts, m/s, if `usual` with the usual forces in the prior."""
     hull = with_values(PETREL, {"buoyancy.depth_slope": 0.0})
     water = {
         "disturbances": {"slow_rms": [0.03, 0.0, 0.05, 0.0, 0.01, 0.0], "impulse_interval": None},
