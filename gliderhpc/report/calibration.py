@@ -91,6 +91,12 @@ def score_rows(fitted: Score, held_out: Score) -> list[tuple[str, ...]]:
 def notes(calibration: Calibration) -> list[str]:
     """Return remarks that supplement the tables, without the warnings."""
     lines = [describe_fitted_profiles(calibration)]
+    if calibration.left_out:
+        profiles = "; ".join(f"profile {profile.number} ({profile.reason})" for profile in calibration.left_out)
+        lines.append(
+            f"left out of the fit, since no hull fits them and the others: {profiles}; look there for disturbed water, "
+            "a change of the hull or faults of the records"
+        )
     if any(p.parameter is TREND for p in calibration.parameters):
         lines.append(f"the neutral volume is that at {np.datetime_as_string(calibration.reference_time, unit='m')} UTC")
     if calibration.platform.buoyancy.compressibility is not None:

@@ -39,12 +39,15 @@ from gliderhpc.tuning.calibration_fit import (
 )
 from gliderhpc.tuning.calibration_score import REMEDY, Score, check_errors, score
 from gliderhpc.tuning.calibration_search import (
+    COARSE_TOLERANCE,
     DEFAULT_TOLERANCE,
     RESCALINGS,
+    START_RESCALINGS,
     CalibrationSearch,
     CalibrationVerdict,
     best_start,
 )
+from gliderhpc.tuning.disagreeing_profiles import DisagreeingProfile, disagreeing_profiles
 from gliderhpc.tuning.disturbance_prior import TuningSettings
 from gliderhpc.tuning.least_squares import Direction, directions
 from gliderhpc.tuning.rounds import RoundSettings
@@ -146,6 +149,8 @@ class Calibration:
         Scores on the profiles used and on those held out (without segments if there were none).
     reference_time : numpy.datetime64
         Time to which the neutral volume belongs if it has a trend.
+    left_out : tuple of DisagreeingProfile
+        Profiles that were left out of the fit, because they do not fit the hull of the others.
     """
 
     platform: Platform
@@ -155,6 +160,7 @@ class Calibration:
     fitted: Score
     held_out: Score
     reference_time: np.datetime64
+    left_out: tuple[DisagreeingProfile, ...] = ()
 
 
 def calibrate(
@@ -168,14 +174,15 @@ def calibrate(
 
     The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
     `steady_balances`, each divided by its own scale. At first all parameters are free, with their plausible deviations
-    as a prior, and the fit starts from several points. Then the glides are checked for directions that they do not
-    determine, the weakest singular direction first. The largest parameter of such a direction is held at the platform's
-    value, or at the most probable one if the glides refute the platform's. When every direction is determined, the
-    remaining parameters are fitted without the prior. A parameter that runs to its bound is held there. A hull without
-    stable glides is fitted again with the lateral terms held, and so is one with a parameter whose interval is wider
-    than its plausible deviation, if fewer parameters remain undetermined and the turns fit about as well: near neutral
-    stability in yaw, real disturbances are mistaken for small errors of the balance, and the fit follows them. The
-    result is compared with the start, on the profiles fitted and on those held out.
+    as a prior, and the fit starts from several points. Profiles that do not fit the hull of the others are left
+    out (`disagreeing_profiles`). Then the glides are checked for directions that they do not determine, the weakest
+    singular direction first. The largest parameter of such a direction is held at the platform's value, or at the most
+    probable one if the glides refute the platform's. When every direction is determined, the remaining parameters are
+    fitted without the prior. A parameter that runs to its bound is held in the same way. A hull without stable glides
+    is fitted again with the lateral terms held, and so is one with a parameter whose interval is wider than its
+    plausible deviation, if fewer parameters remain undetermined and the turns fit about as well: near neutral stability
+    in yaw, real disturbances are mistaken for small errors of the balance, and the fit follows them. The result is
+    compared with the start, on the profiles fitted and on those held out.
 
     Parameters
     ----------
@@ -202,7 +209,13 @@ def calibrate(
     all_parameters = (*candidates, *(p for p in hull_parameters(platform) if p not in candidates))
     free = ~np.isin([p.key for p in candidates], keys_of(settings.hold, all_parameters))
     lateral = np.isin([p.key for p in candidates], LATERAL)
-    fit, lateral_verdict = _fit(SegmentErrors(platform, candidates, segments), free, lateral, settings, report)
+    every = SegmentErrors(platform, candidates, segments)
+    start = best_start(start_subset(every), free, report)
+    left_out = _disagreeing(every, free, start, report)
+    if left_out:
+        every = every.without_profiles([profile.number for profile in left_out])
+        start = best_start(start_subset(every), free, report)
+    fit, lateral_verdict = _fit(every, free, lateral, start, settings, report)
     errors, search, covariance = fit.errors, fit.search, fit.covariance
     reasons = _reasons(search, free, free & lateral, lateral_verdict)
     parameters, estimated = _judge_parameters(errors, search, covariance, reasons)
@@ -219,23 +232,44 @@ def calibrate(
         score(errors, steps),
         score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
         errors.reference,
+        left_out,
     )
     _check_glides(hull)
     _check_improved(calibration, search)
     return calibration
 
 
+def _disagreeing(
+    errors: SegmentErrors, free: Mask, start: Array, report: Callable[[str], None]
+) -> tuple[DisagreeingProfile, ...]:
+    """Return the profiles that do not fit the hull of the others, and report each of them."""
+    search = CalibrationSearch(errors, free, 1.0, lambda _: None)
+    search.steps = start
+    search.fit_everything(START_RESCALINGS, COARSE_TOLERANCE)
+    profiles = disagreeing_profiles(errors, search.steps)
+    for profile in profiles:
+        report(f"profile {profile.number} is left out: {profile.reason}")
+    return profiles
+
+
 def _fit(
-    errors: SegmentErrors, free: Mask, lateral: Mask, settings: CalibrationSettings, report: Callable[[str], None]
+    errors: SegmentErrors,
+    free: Mask,
+    lateral: Mask,
+    start: Array,
+    settings: CalibrationSettings,
+    report: Callable[[str], None],
 ) -> tuple[Fit, CalibrationVerdict | None]:
     """Fit the free parameters, or again with the lateral terms held, and return the reason for the latter fit."""
-    fit = Fit(errors, _search_from_best_start(errors, free, settings, report))
+    fit = Fit(errors, _search_from_best_start(errors, free, start, settings, report))
     reason = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
     if reason is None:
         return fit, None
     report(f"fitting again with the lateral terms held ({HELD_REASONS[reason]})")
     separate = errors.with_separate_turns()
-    held = Fit(separate, _search_from_best_start(separate, free & ~lateral, settings, report))
+    rest = free & ~lateral
+    start = best_start(start_subset(separate), rest, report)
+    held = Fit(separate, _search_from_best_start(separate, rest, start, settings, report))
     if is_better_held(reason, fit, held):
         return held, reason
     report("with the lateral terms held, the turns do not fit or less is determined: the first fit is used")
@@ -252,10 +286,10 @@ def start_subset(errors: SegmentErrors) -> SegmentErrors:
 
 
 def _search_from_best_start(
-    errors: SegmentErrors, free: Mask, settings: CalibrationSettings, report: Callable[[str], None]
+    errors: SegmentErrors, free: Mask, start: Array, settings: CalibrationSettings, report: Callable[[str], None]
 ) -> CalibrationSearch:
-    """Fit from the best starting point, which is found on a subset of the segments; else from the platform's hull."""
-    search = _search_from(best_start(start_subset(errors), free, report), errors, free, settings, report)
+    """Fit from the best starting point; from the platform's hull if that fit is worse than the platform."""
+    search = _search_from(start, errors, free, settings, report)
     if not _is_worse(search):
         return search
     report("the fit is worse than the platform: fitting again from the platform's values")

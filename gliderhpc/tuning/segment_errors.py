@@ -158,6 +158,11 @@ class SegmentErrors:
         """Return the same errors, in which turns do not determine the parameters of straight flight."""
         return SegmentErrors(self.platform, self.parameters, self.segments, self.reference, separate_turns=True)
 
+    def without_profiles(self, numbers: Sequence[int]) -> "SegmentErrors":
+        """Return the same errors without the segments of some profiles."""
+        others = self.segments.select(~np.isin(self.segments.profile, numbers))
+        return SegmentErrors(self.platform, self.parameters, others, self.reference, separate_turns=self.separate_turns)
+
     def parts(self) -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
         """Masks of the errors (m,), and of the parameters (p,) that are fitted to them, for each separate fit."""
         turns, turning = self.kind >= _ROLL, np.isin([p.key for p in self.parameters], TURNING)
