@@ -20,6 +20,10 @@ MAX_ERROR_RATIO = 8.0
 missions in steady conditions it is at most 2.5, and 5 at the end of a fouling by half of the drag; strong shear with
 yaw impulses gives 18 to 64, the loss of a wing 47 to 57."""
 
+MIN_SECOND_RATIO = 4.0
+"""The same for a second one of its errors. Impulses of the yaw moment alone, or a shift of the pitch sensor, make one
+error large (up to 19 and 10) and hardly change the others; in a storm a second one is 4.9 to 8.5 times as large."""
+
 MAX_SHARE = 1.0 / 3.0
 """Largest fraction of the profiles that may be left out; if more disagree, the others are no clear majority."""
 
@@ -67,10 +71,11 @@ def disagreeing_profiles(errors: SegmentErrors, steps: Array) -> tuple[Disagreei
     medians = np.array([_column_medians(sizes[errors.segments.profile == number]) for number in numbers])
     medians = np.fmax(medians, MIN_SCALES)
     ratios = medians / np.median(medians, axis=0)
+    second, largest = np.sort(np.nan_to_num(ratios), axis=1)[:, -2:].T
+    disagrees = (largest > MAX_ERROR_RATIO) & (second > MIN_SECOND_RATIO)
     found = [
         DisagreeingProfile(int(number), QUANTITIES[int(np.argmax(row))], float(row.max()))
-        for number, row in zip(numbers, ratios, strict=True)
-        if row.max() > MAX_ERROR_RATIO
+        for number, row in zip(numbers[disagrees], ratios[disagrees], strict=True)
     ]
     most = min(int(MAX_SHARE * len(numbers)), len(numbers) - MIN_PROFILES)
     return tuple(found) if len(found) <= most else ()

@@ -54,6 +54,15 @@ def test_a_fit_needs_enough_profiles_that_are_left():
     assert not disagreeing_profiles(errors_of(stormy(glides(TRUTH, PETREL, profiles=3), (2,))), ZERO)
 
 
+def test_profiles_in_which_only_impulses_turn_the_glider_agree():
+    """Yaw impulses change the rate of turn alone."""
+    segments = glides(TRUTH, PETREL, profiles=9)
+    rng = np.random.default_rng(4)
+    impulses = np.isin(segments.profile, (4, 7)) * rng.standard_normal(len(segments))
+    turned = replace(segments, turn_rate=segments.turn_rate + math.radians(5.0) * impulses)
+    assert not disagreeing_profiles(errors_of(turned), ZERO)
+
+
 def test_calm_profiles_of_a_wrong_hull_agree():
     """The whole error of an uncalibrated hull is in every profile."""
     assert not disagreeing_profiles(errors_of(glides(TRUTH, PETREL, profiles=9), PETREL), ZERO)
