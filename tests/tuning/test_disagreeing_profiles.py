@@ -59,7 +59,7 @@ def test_profiles_in_which_only_impulses_turn_the_glider_agree():
     segments = glides(TRUTH, PETREL, profiles=9)
     rng = np.random.default_rng(4)
     impulses = np.isin(segments.profile, (4, 7)) * rng.standard_normal(len(segments))
-    turned = replace(segments, turn_rate=segments.turn_rate + math.radians(5.0) * impulses)
+    turned = replace(segments, turn_rate=segments.turn_rate + math.radians(0.1) * impulses)
     assert not disagreeing_profiles(errors_of(turned), ZERO)
 
 
