@@ -318,7 +318,7 @@ def test_a_diverged_smoother_is_reported_in_the_message(prepared, filtered, monk
     hasty = hasty.model_copy(update={"start": "smoothed"})
     corrupted = replace(filtered, disturbances=filtered.disturbances + 0.5)
     starts = []
-    monkeypatch.setattr(estimation, "run_filter", lambda *_: corrupted)
+    monkeypatch.setattr(estimation, "run_filters_around_rests", lambda group, _: (group, [corrupted]))
     invert = estimation.invert_windows
     monkeypatch.setattr(estimation, "invert_windows", lambda *given: starts.append(given[-1]) or invert(*given))
     records = estimate_profile(prepared, hasty).smoothed
@@ -341,7 +341,7 @@ def test_a_dive_whose_noise_cannot_be_followed_is_smoothed_with_the_priors(prepa
     assert smoothed.outcome.usable
     steady = SETTINGS.model_copy(update={"smoother": SETTINGS.smoother.model_copy(update={"adaptive": False})})
     np.testing.assert_array_equal(smoothed.disturbances, run_smoother(prepared, filtered, steady).disturbances)
-    monkeypatch.setattr(estimation, "run_filter", lambda *_: filtered)
+    monkeypatch.setattr(estimation, "run_filters_around_rests", lambda group, _: (group, [filtered]))
     estimate = estimate_profile(prepared, SETTINGS)
     assert any(
         "the noise is the prior's, not fitted to the dive" in line for line in remarks(GLIDER.platform, estimate)
