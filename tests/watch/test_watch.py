@@ -32,8 +32,8 @@ from gliderhpc.report.next_surfacing import dives_until, predict_surfacing, surf
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
 from gliderhpc.report.surfacing import error_ellipse, surfacing_message
 from gliderhpc.report.surfacing_message import SurfacingMessage
+from gliderhpc.watch import inversion, watcher
 from gliderhpc.watch import state as watch_state
-from gliderhpc.watch import watcher
 from gliderhpc.watch.alerts import Box, Rules
 from gliderhpc.watch.records import FileImport, is_candidate
 from gliderhpc.watch.state import ReportedDive, WatchState
@@ -527,7 +527,7 @@ def test_only_the_last_dives_are_searched_for_damage(dives, tmp_path, monkeypatc
         return damages(place, commits)
 
     monkeypatch.setattr(resume, "damages", spied)
-    monkeypatch.setattr(watcher, "_CHECKED", 2)
+    monkeypatch.setattr(inversion, "_CHECKED", 2)
     for dive in dives:
         shutil.copy(dive, tmp_path / "land")
         _once(tmp_path)
