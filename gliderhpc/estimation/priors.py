@@ -31,17 +31,19 @@ def with_lateral_gusts(prior: DisturbancePrior) -> DisturbancePrior:
     )
 
 
-USUAL_WEIGHT = 1.5
-"""Weight in water (N) that drives a glider and for which the usual priors are meant; most gliders fly with more."""
+USUAL_WEIGHT, _LEAST_WEIGHT = 1.5, 0.15
+"""Weights in water (N) that drive a glider: from the first on, the usual priors are meant, and most gliders fly with
+more; with less than the second none glides, and the record of the ballast does not show the drive."""
 
 
 def for_weight(prior: DisturbancePrior, weight: float) -> DisturbancePrior:
     """Return a usual prior with the forces reduced for a glider that is driven by little weight in water, N.
 
     Errors of drag and lift, and forces of shear, are parts of the forces of the flow, whose sum is the weight in water.
-    With forces of the usual size, the speed of a glider driven by 0.5 N seemed twice the true one on twins.
+    With forces of the usual size, the speed of a glider driven by 0.5 N seemed twice the true one on twins. The prior
+    is returned unchanged if the record does not show the drive, as without a record of the ballast.
     """
-    factor = min(1.0, weight / USUAL_WEIGHT)
+    factor = min(1.0, weight / USUAL_WEIGHT) if weight >= _LEAST_WEIGHT else 1.0
     forces = [factor * deviation for deviation in prior.deviation[:3]]
     return DisturbancePrior(deviation=(*forces, *prior.deviation[3:]), correlation_time=prior.correlation_time)
 

@@ -36,6 +36,7 @@ def test_forces_are_a_part_of_a_small_weight():
     assert light.deviation[3:] == prior.deviation[3:]
     assert light.correlation_time == prior.correlation_time
     assert for_weight(prior, 5.0) == prior
+    assert for_weight(prior, 0.0) == prior, "the record does not show the drive"
 
 
 def test_filter_and_smoother_use_it_and_a_tuned_prior_stays():
