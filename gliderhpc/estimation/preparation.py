@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError
+from gliderhpc.estimation.priors import is_slow
 from gliderhpc.estimation.relative_velocity import RelativeVelocity, measured_velocity
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, excess_weight
@@ -49,6 +50,11 @@ class PreparedProfile:
     vibrating: NDArray[np.bool_]
     initial_error: Array | None = None
     velocity: RelativeVelocity | None = None
+
+    @property
+    def is_slow(self) -> bool:
+        """Return whether the hull has slow sensors, or the record's attitude a long interval."""
+        return is_slow(self.glider.platform, self.series.attitude_interval)
 
     @property
     def driving_weight(self) -> float:

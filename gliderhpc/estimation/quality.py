@@ -7,7 +7,6 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import by_density, describe_unexpected_density
-from gliderhpc.estimation.priors import ROUGH_WATER
 from gliderhpc.estimation.profile import ProfileEstimate
 from gliderhpc.estimation.rests import describe_rests
 from gliderhpc.estimation.sensor_noise import noisier_than_stated
@@ -39,7 +38,7 @@ SLOPE_BIAS = "the neutral volume was fitted with measured density, so heave, spe
 
 Mask = NDArray[np.bool_]
 
-_MAX_REJECTED_SHARE = 0.02
+MAX_REJECTED_SHARE = 0.02
 """Share of gated and inflated samples above which a remark is added; a few belong to every inflection."""
 
 
@@ -156,8 +155,7 @@ def _remarks_on_record(platform: Platform, estimate: ProfileEstimate) -> list[st
     """Remark on the disturbance prior, and on filled, false and noisy samples."""
     series, lines = estimate.series, []
     if estimate.filtered.prior_name == "rough_water":
-        gusty = estimate.filtered.prior.correlation_time == ROUGH_WATER.correlation_time
-        freed = "sway and roll were" if gusty else "the yawing moment was"
+        freed = "the yawing moment was" if estimate.profile.is_slow else "sway and roll were"
         lines.append(f"the default disturbance prior does not fit this record, so {freed} given a gust prior")
     if series.filled:
         interval = series.attitude_interval if "pitch" in series.filled else series.sample_interval
@@ -204,7 +202,7 @@ def _remarks_on_samples(estimate: ProfileEstimate) -> list[str]:
         lines.append(f"gaps totalling {estimate.series.gap_seconds:.0f} s were ignored")
     if estimate.profile.velocity is not None and estimate.profile.velocity.refusal:
         lines.append(estimate.profile.velocity.refusal)
-    if estimate.filtered.reset > 0 or estimate.filtered.rejected_fraction > _MAX_REJECTED_SHARE:
+    if estimate.filtered.reset > 0 or estimate.filtered.rejected_fraction > MAX_REJECTED_SHARE:
         lines.append(estimate.filtered.describe())
     return lines
 

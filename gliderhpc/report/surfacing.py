@@ -10,6 +10,7 @@ from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
+from gliderhpc.estimation.quality import MAX_REJECTED_SHARE
 from gliderhpc.report.dive_plan import DivePlan
 from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
 from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
@@ -35,9 +36,6 @@ Array = NDArray[np.float64]
 
 _SHARES = {"gap_in_the_record": 0.05, "implausible_self_motion": 0.01, "prior_used_because_the_window_failed": 0.01}
 """Quality flags, and the fraction of a dive above which a remark is added for each."""
-
-_MAX_REJECTED_SHARE = 0.02
-"""Fraction of samples rejected by the filter above which a remark is added."""
 
 
 def error_ellipse(covariance: Array, probability: float = PROBABILITY) -> Ellipse:
@@ -228,7 +226,7 @@ def _anomalies(row: xr.Dataset, data: ProfileData) -> tuple[str, ...]:
     """List the anomalies in the records of a profile, beginning with the archive's own remarks."""
     remarks = [part for part in str(row["message"].values).split("; ") if part]
     gated, samples = _count(row, "gated_count"), _count(row, "sample_count")
-    if gated > _MAX_REJECTED_SHARE * samples:
+    if gated > MAX_REJECTED_SHARE * samples:
         remarks.append(f"the filter rejected {gated} of {counted(samples, 'sample')}")
     if data.estimate != SMOOTHED:
         remarks.append("the smoother diverged; the filter's estimate is used")

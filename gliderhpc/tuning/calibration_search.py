@@ -250,17 +250,20 @@ class CalibrationSearch:
         if abs(self.steps[index]) < _NEAR:
             self.steps[index] = 0.0
             return False
-        probable, free = self.steps.copy(), self.free.copy()
-        refuted = False
-        for others in (list(confounded_with), []) if confounded_with else ([],):
-            self.steps = probable.copy()
-            cost = self._fit_at_platform(others)
-            rise = self._fit_at_platform([*others, index]) - cost
-            self.free = free.copy()
-            refuted = refuted or rise > max(REFUTING_RISE * cost, MIN_REFUTING_RISE)
+        probable = self.steps.copy()
+        held_as_well: list[Sequence[int]] = [confounded_with, []] if confounded_with else [[]]
+        refuted = any(self._cost_rises(probable, index, others) for others in held_as_well)
         if refuted:
             self.steps = probable
         return refuted
+
+    def _cost_rises(self, probable: Array, index: int, others: Sequence[int]) -> bool:
+        """Return whether the cost rises by too much with the platform's value, and `others` held there as well."""
+        free, self.steps = self.free.copy(), probable.copy()
+        cost = self._fit_at_platform(others)
+        rise = self._fit_at_platform([*others, index]) - cost
+        self.free = free
+        return rise > max(REFUTING_RISE * cost, MIN_REFUTING_RISE)
 
     def _fit_at_platform(self, indices: Sequence[int]) -> float:
         """Hold some parameters at the platform's values, fit the others with the prior, and return the cost.

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.priors import is_slow
 from gliderhpc.estimation.settings import EstimationSettings, RecordSettings
 from gliderhpc.estimation.smoother.estimate import LastPass, SmoothedEstimate
 from gliderhpc.estimation.smoother.forcing import (
@@ -302,7 +301,7 @@ def _information_and_sensitivity(
     forcing = forcing._replace(samples=fed_sample_slopes(profile, problem, records, parameters, at_predicted))
     local = with_local_noise(last, profile.series.sample_interval, ~profile.vibrating[:-1])
     assumed = (local, *other_assumptions(last, local, profile.vibrating))
-    if is_slow(profile.glider.platform, profile.series.attitude_interval):
+    if profile.is_slow:
         assumed = tuple(_without_turning(each) for each in assumed)
     informations = sum_information(hull, assumed, with_all_errors(forcing), path, between)
     return informations, _at_records(sensitivity, rows < len(problem.bodies))

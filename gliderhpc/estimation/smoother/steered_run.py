@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
-from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR, is_slow
+from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
 from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
@@ -93,7 +93,7 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     of slow sensors the pitch swings by half a degree. There any run that keeps the speed is used.
     """
     run, disturbances = _run_along(profile, smoothed)
-    if _keeps_speed(smoothed, run) and (_is_slow(profile) or _follows_rates(profile, smoothed, run)):
+    if _keeps_speed(smoothed, run) and (profile.is_slow or _follows_rates(profile, smoothed, run)):
         return _trajectory(smoothed, run, disturbances)
     path = filtered()
     gliding, forces = _run_along(profile, smoothed, turning=path)
@@ -102,10 +102,6 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     run, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
     run[:, _GLIDING], disturbances[:, _FORCES] = gliding[:, _GLIDING], forces[:, _FORCES]
     return _trajectory(path, run, disturbances)
-
-
-def _is_slow(profile: PreparedProfile) -> bool:
-    return is_slow(profile.glider.platform, profile.series.attitude_interval)
 
 
 def _follows_rates(profile: PreparedProfile, path: Trajectory, run: Array) -> bool:

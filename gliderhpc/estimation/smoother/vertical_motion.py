@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile, recorded_samples
-from gliderhpc.estimation.priors import is_slow
 from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.estimation.still_water_glide import still_water_glide
 
@@ -121,8 +120,7 @@ STILL = MotionPrior(0.0)
 
 def motion_prior(profile: PreparedProfile) -> MotionPrior:
     """Return the motion that the depth rates of a profile suggest."""
-    slow = is_slow(profile.glider.platform, profile.series.attitude_interval)
-    return MotionPrior(motion_deviation(profile), _SLOW_LOG_ODDS if slow else _LOG_ODDS)
+    return MotionPrior(motion_deviation(profile), _SLOW_LOG_ODDS if profile.is_slow else _LOG_ODDS)
 
 
 def motion_deviation(profile: PreparedProfile) -> float:
