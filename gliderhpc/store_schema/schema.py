@@ -1,7 +1,7 @@
 """The archive's schema: elements, groups of the mission and of the studies, and chunks.
 
 The groups are listed in text tables with one line for each variable: ``mission.txt`` and ``studies.txt``. Creation,
-writing, checks and ``docs/archive.md`` are derived from them.
+writing, checks and ``docs/archive-variables.md`` are derived from them.
 """
 
 from __future__ import annotations
@@ -338,57 +338,3 @@ def chunks(group: Group, variable: ArchiveVariable, shape: tuple[int, ...]) -> t
     if variable.dims[0] == PROFILE and (len(shape) > 1 or group.name == COMMITS):
         return (1, *shape[1:])
     return shape
-
-
-_HEADINGS = ("variable", "dimensions", "type", "unit", "fill", "chunk", "standard name", "meaning")
-
-
-def schema_page() -> str:
-    """Render the tables of ``docs/archive.md``: version, codecs, and every variable of mission and studies."""
-    codecs = ", ".join(str(codec.to_dict()["name"]) for codec in CODECS)
-    lines = [
-        f"Schema {MISSION.version}. Every variable is compressed by the codecs {codecs} "
-        f"({CODECS[0].to_dict()['configuration']}); times are seconds since 1970 (UTC) that CF-aware readers decode.",
-        "",
-        "### Mission",
-        "",
-    ]
-    for group in MISSION:
-        lines += _group_lines(group)
-    lines += ["### Studies", "", "Each exists once its study has been run.", ""]
-    for group in STUDIES:
-        lines += _group_lines(group)
-    return "\n".join(lines).rstrip()
-
-
-def _group_lines(group: Group) -> Iterator[str]:
-    yield f"#### `{group.name}`: {group.title}"
-    yield ""
-    yield f"| {' | '.join(_HEADINGS)} |"
-    yield "|" + " --- |" * len(_HEADINGS)
-    for variable in group.variables:
-        yield f"| {' | '.join(_cells(group, variable))} |"
-    yield ""
-
-
-def _cells(group: Group, variable: ArchiveVariable) -> tuple[str, ...]:
-    names = [variable.standard_name or ""]
-    if variable.attributes and "og1_name" in variable.attributes:
-        names.append(f"OG1 {variable.attributes['og1_name']}")
-    meanings = f" ({', '.join(f'{v} {k}' for k, v in variable.flags.meanings.items())})" if variable.flags else ""
-    return (
-        f"`{variable.name}`",
-        ", ".join(variable.dims),
-        variable.dtype,
-        "s since 1970" if variable.units == TIME_UNITS else variable.units,
-        "''" if variable.fill_value == "" else str(variable.fill_value),
-        _chunk(group, variable),
-        ", ".join(filter(None, names)),
-        variable.long_name + meanings,
-    )
-
-
-def _chunk(group: Group, variable: ArchiveVariable) -> str:
-    if variable.is_row or (group.name == COMMITS and variable.name != PROFILE):
-        return "one profile"
-    return "all"
