@@ -26,12 +26,12 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.nowcast import TIDAL_PERIODS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.dive_plan import DivePlan
-from gliderhpc.report.next_surfacing import MAX_DIVES, PROBABILITY, dives_until, fix_after, is_followed, predict_from
+from gliderhpc.surfacing.dive_plan import DivePlan
+from gliderhpc.surfacing.next_surfacing import MAX_DIVES, PROBABILITY, dives_until, fix_after, is_followed, predict_from
+from gliderhpc.vocabulary import TIDAL_PERIODS
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,9 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.findings.findings import markdown
 from gliderhpc.platform import platform_yaml
-from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
+from gliderhpc.surfacing.dive_results import surfacing_message
 from gliderhpc.watch.alerts import Rules
 
 DEPTH, DIVES, CALIBRATED = 150.0, 60, "1:8"

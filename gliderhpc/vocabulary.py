@@ -1,4 +1,4 @@
-"""Names, units, flags and a published formula shared by simulator, estimators, archive and studies."""
+"""Names, units, flags, tidal periods and a published formula shared by several subpackages."""
 
 import math
 from collections.abc import Mapping
@@ -56,6 +56,9 @@ PHASES = ("dive", "climb")
 
 COMPONENTS = ("north", "east")
 """Components of a horizontal vector."""
+
+TIDAL_PERIODS = {"M2": 12.4206012, "S2": 12.0, "K1": 23.9344721, "O1": 25.8193387}
+"""Periods (h) of the tidal lines."""
 
 QUALITY = Flags(
     "flag_masks",

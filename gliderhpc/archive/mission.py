@@ -339,3 +339,9 @@ def _median_current(table: xr.Dataset) -> MedianCurrent:
         return MedianCurrent(float("nan"), float("nan"), 0, current.label)
     north, east = (float(np.median(values[known])) for values in (current.north, current.east))
     return MedianCurrent(north, east, int(known.sum()), current.label)
+
+
+def platform_name(attributes: Mapping[str, Any]) -> str:
+    """Return the name of an archive's platform from its root attributes."""
+    platform = attributes.get("platform")
+    return str(platform.get("name")) if isinstance(platform, Mapping) else "unknown platform"

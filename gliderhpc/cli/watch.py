@@ -14,9 +14,9 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations.files.landing import folder_of
-from gliderhpc.report.dive_plan import read_plan
-from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema.location import Location, is_address
+from gliderhpc.surfacing.dive_plan import read_plan
+from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.watch.alerts import Alerts, read_alerts
 from gliderhpc.watch.records import KINDS, FileImport
 from gliderhpc.watch.watcher import Listener, Watch, WatchInputs, open_watch

@@ -1,17 +1,16 @@
-"""Facts of an archive, heading of a profile's figure, times and error ellipses, formatted for text and figures."""
+"""Facts of an archive and of one profile, as text for tables and figures."""
 
-import math
 import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
-from gliderhpc.archive.mission import MedianCurrent, Summary
+from gliderhpc.archive.mission import MedianCurrent, Summary, platform_name
 from gliderhpc.archive.profile import ProfileData
+from gliderhpc.findings.formatting import iso_instant, polar, signed
 from gliderhpc.wording import counted
 
 
@@ -46,11 +45,6 @@ def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> Iterator[
             yield f"{prefix}{key}", value
 
 
-def iso_instant(time: np.datetime64 | NDArray[Any]) -> str | None:
-    """Format a time in ISO 8601 to the second, UTC; None if it is not known."""
-    return None if np.isnat(time) else str(np.datetime_as_string(time, unit="s")) + "Z"
-
-
 def _describe_median_current(current: MedianCurrent) -> str:
     if not current.count:
         return "none"
@@ -59,9 +53,6 @@ def _describe_median_current(current: MedianCurrent) -> str:
 
 
 _TITLE_WIDTH, _MESSAGE_WIDTH = 80, 115
-
-_MIN_DEVIATION = 1e-3
-"""Standard deviation below which numbers have exponents."""
 
 
 def failure_text(number: int, message: str) -> str:
@@ -94,52 +85,6 @@ def message_lines(data: ProfileData) -> list[str]:
     """Return the message of a profile, shortened and wrapped to lines; empty if it has none."""
     message = str(data.table["message"])
     return textwrap.wrap(f"note: {message}", _MESSAGE_WIDTH, max_lines=3, placeholder=" ...") if message else []
-
-
-def ellipse_axes(covariance: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east: semi-axes, direction of the longer one.
-
-    Returns
-    -------
-    longer, shorter : float
-        Semi-axes, in the unit whose square is that of the covariance.
-    angle : float
-        Direction of the longer semi-axis, degree anticlockwise from east, as used in figures with east to the right.
-    """
-    variances, vectors = np.linalg.eigh(covariance)
-    shorter, longer = np.sqrt(np.maximum(variances, 0.0))
-    north, east = vectors[:, 1]
-    return float(longer), float(shorter), float(np.degrees(np.arctan2(north, east)))
-
-
-def instant(epoch: np.datetime64) -> str:
-    """Format a time to the second, UTC."""
-    return str(np.datetime_as_string(epoch, unit="s")).replace("T", " ") + " UTC"
-
-
-def signed(value: float, form: str = ".3f") -> str:
-    """Format a number with its sign, using the minus sign of the figures' axes."""
-    return f"{value:+{form}}".replace("-", "−")
-
-
-def with_deviation(value: float, deviation: float) -> str:
-    """Format a value with its sign and its standard deviation, both to the second digit of the latter."""
-    if not (math.isfinite(value) and deviation >= _MIN_DEVIATION and math.isfinite(deviation)):
-        return f"{signed(value, '.3g')} ± {deviation:.2g}"
-    decimals = max(0, 1 - math.floor(math.log10(deviation)))
-    return f"{signed(value, f'.{decimals}f')} ± {deviation:.{decimals}f}"
-
-
-def polar(north: float, east: float) -> str:
-    """Format a current (m/s) as speed and the direction towards which it flows."""
-    towards = round(np.degrees(np.arctan2(east, north))) % 360
-    return f"{np.hypot(north, east):.3f} m/s towards {towards:03d}°"
-
-
-def platform_name(attributes: Mapping[str, Any]) -> str:
-    """Return the name of an archive's platform from its root attributes."""
-    platform = attributes.get("platform")
-    return str(platform.get("name")) if isinstance(platform, Mapping) else "unknown platform"
 
 
 def _describe_adopted_current(data: ProfileData) -> str:

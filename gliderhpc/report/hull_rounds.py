@@ -8,7 +8,7 @@ import pandas as pd
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
 from gliderhpc.mission.hull_rounds import HullRounds
 from gliderhpc.report.calibration import describe_origin, score_sentence
-from gliderhpc.report.recent_hull import IMPLAUSIBLE, UNDETERMINED
+from gliderhpc.surfacing.recent_hull import IMPLAUSIBLE, UNDETERMINED
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.wording import capitalised
 

@@ -15,9 +15,10 @@ from matplotlib.patches import Patch
 from gliderhpc.archive.profile import SMOOTHED, TRACKED, Array, Mask, ProfileData, read_profile_data, truth_on_samples
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import ADJOINT, FILTER, MEASURED, SMOOTHER, TRUTH
+from gliderhpc.findings.formatting import instant, signed
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.report.accuracy import NAMES, ProfileAccuracy, profile_accuracy, tracking_rmse
-from gliderhpc.report.facts import facts_of, instant, message_lines, signed, title_of
+from gliderhpc.report.facts import facts_of, message_lines, title_of
 from gliderhpc.vocabulary import CHANNELS
 
 A4 = (8.27, 11.69)

@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gliderhpc.errors import first_line
-from gliderhpc.report.facts import polar
-from gliderhpc.report.surfacing_message import SurfacingMessage
+from gliderhpc.findings.formatting import polar
 from gliderhpc.shipped import describe_unknown_key
+from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.yaml_text import number_rule, read_model, shown
 
 _DRAG = "viscous.K_D0"

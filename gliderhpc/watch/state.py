@@ -16,7 +16,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations.files.landing import CopiedFile, FileState
 from gliderhpc.observations.times import SECOND
 from gliderhpc.output_files import write_text
-from gliderhpc.report.surfacing_message import SurfacingMessage
+from gliderhpc.surfacing.message import SurfacingMessage
 
 log = logging.getLogger("gliderhpc.watch")
 

@@ -31,12 +31,12 @@ from gliderhpc.observations.files.landing import (
 from gliderhpc.observations.files.stored_reads import StoredReads
 from gliderhpc.output_files import check_folder, write_text
 from gliderhpc.platform import Platform
-from gliderhpc.report.dive_plan import DivePlan, read_plan
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
-from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.store_schema import is_archive
 from gliderhpc.store_schema.location import Location
+from gliderhpc.surfacing.dive_plan import DivePlan, read_plan
+from gliderhpc.surfacing.dive_results import surfacing_message
+from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.watch.inversion import WatchWorkers, invert_new
 from gliderhpc.watch.records import OBSERVATIONS, FileImport, is_candidate, truncated_missions
 from gliderhpc.watch.state import ReportedDive, WatchState, changes_since, read_state, was_current_reported

@@ -24,8 +24,8 @@ from gliderhpc.report.page.fleet import folder_names
 from gliderhpc.report.page.fleet_map import FleetTrack, fleet_map
 from gliderhpc.report.page.fleet_rows import read_state
 from gliderhpc.report.studies.hull import StoredChange
-from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.store_schema import consolidate
+from gliderhpc.surfacing.dive_results import surfacing_message
 
 ODD_NAME = "b<i>&#?% $1$2"
 """Name of a folder that neither HTML, an address nor a figure may take for something else."""

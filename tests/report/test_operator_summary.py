@@ -6,19 +6,19 @@ from support.hull_dives import PARAMETERS, dives
 from support.pages import DOCS
 
 from gliderhpc.archive.mission import describe, open_for_reading
+from gliderhpc.findings.formatting import with_deviation
 from gliderhpc.platform import read_platform
-from gliderhpc.report import recent_hull as recent_hull_module
-from gliderhpc.report.facts import with_deviation
 from gliderhpc.report.page import operator_summary as module
 from gliderhpc.report.page.anomalies import common_remarks
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
-from gliderhpc.report.recent_hull import implausible_warning, recent_hull, trim_of
-from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.studies.hull import MissionTerms
+from gliderhpc.surfacing import recent_hull as recent_hull_module
+from gliderhpc.surfacing.dive_results import surfacing_message
+from gliderhpc.surfacing.message import HullChange, Trim
+from gliderhpc.surfacing.recent_hull import implausible_warning, recent_hull, trim_of
 
 HULL = read_platform("petrel-l")
 

@@ -23,11 +23,11 @@ from gliderhpc.cli.demo import QUICK, run_demo
 from gliderhpc.errors import InputError
 from gliderhpc.findings import drawing
 from gliderhpc.findings.findings import Comparison, comparisons_as_json, write_csv, write_json
+from gliderhpc.findings.formatting import with_deviation
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
-from gliderhpc.report.facts import with_deviation
 from gliderhpc.report.page import write_mission_page, write_profile_page
 from gliderhpc.report.page.content import FigureBlock
 from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed

@@ -10,9 +10,7 @@ from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.platform import read_platform
-from gliderhpc.report import recent_hull
 from gliderhpc.report.page.surfacing_page import hull_blocks
-from gliderhpc.report.surfacing import surfacing_message
 from gliderhpc.studies import hull as study
 from gliderhpc.studies.hull import MissionTerms, agreeing_terms
 from gliderhpc.studies.library import depth_rate_check as module
@@ -24,6 +22,8 @@ from gliderhpc.studies.library.depth_rate_check import (
     compare,
     read_glides,
 )
+from gliderhpc.surfacing import recent_hull
+from gliderhpc.surfacing.dive_results import surfacing_message
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
 
 pytestmark = pytest.mark.compiled

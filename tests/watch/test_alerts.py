@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
-from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import HullChange
+from gliderhpc.surfacing.dive_results import surfacing_message
+from gliderhpc.surfacing.message import HullChange
 from gliderhpc.watch.alerts import Box, Rules, read_alerts
 
 pytestmark = pytest.mark.compiled

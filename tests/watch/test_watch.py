@@ -28,10 +28,10 @@ from gliderhpc.observations import joined, open_observations
 from gliderhpc.observations.files.landing import CopiedFile, FileState, copy_file, list_files, older, unchanged
 from gliderhpc.observations.joined import join_observations
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.next_surfacing import dives_until, predict_surfacing, surface_offset
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
-from gliderhpc.report.surfacing import error_ellipse, surfacing_message
-from gliderhpc.report.surfacing_message import SurfacingMessage
+from gliderhpc.surfacing.dive_results import error_ellipse, surfacing_message
+from gliderhpc.surfacing.message import SurfacingMessage
+from gliderhpc.surfacing.next_surfacing import dives_until, predict_surfacing, surface_offset
 from gliderhpc.watch import inversion, watcher
 from gliderhpc.watch import state as watch_state
 from gliderhpc.watch.alerts import Box, Rules

@@ -12,7 +12,6 @@ from pathlib import Path
 from urllib.parse import quote
 
 from gliderhpc.errors import InputError
-from gliderhpc.report.next_surfacing import PROBABILITY
 from gliderhpc.report.page.anomalies import POORLY_CONVERGED
 from gliderhpc.report.page.content import (
     Block,
@@ -30,6 +29,7 @@ from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
 from gliderhpc.report.page.rendering import Written, check_apart, write_page
 from gliderhpc.store_schema.location import Location, absolute, is_address
+from gliderhpc.surfacing.next_surfacing import PROBABILITY
 from gliderhpc.wording import counted
 
 _COLUMNS = ("glider", "platform", "time", "dives", "last current", "through the water", "hull", "anomalies")

@@ -25,8 +25,8 @@ from gliderhpc.findings.drawing import (
     style_axes,
 )
 from gliderhpc.report.currents_map import CIRCLE, covariance_factors
-from gliderhpc.report.next_surfacing import PROBABILITY
 from gliderhpc.report.page.mission_figures import DEGREE, MIN_EXTENT, frame_map, round_speed
+from gliderhpc.surfacing.next_surfacing import PROBABILITY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,21 +8,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
+from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading, platform_name
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.formatting import iso_instant, polar
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
-from gliderhpc.report.facts import iso_instant, platform_name, polar
 from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, FleetTrack
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
-from gliderhpc.report.surfacing import has_smoothed, read_best_estimate, water_of_dive
-from gliderhpc.report.surfacing_message import Current, Water
 from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.registry import ALL_STUDIES
+from gliderhpc.surfacing.dive_results import has_smoothed, read_best_estimate, water_of_dive
+from gliderhpc.surfacing.message import Current, Water
 
 _ENDS = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
 

@@ -29,8 +29,8 @@ from gliderhpc.findings.drawing import (
     panels,
 )
 from gliderhpc.report.page.content import Row, heading
-from gliderhpc.report.surfacing import current_of_dive
-from gliderhpc.report.surfacing_message import Current
+from gliderhpc.surfacing.dive_results import current_of_dive
+from gliderhpc.surfacing.message import Current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

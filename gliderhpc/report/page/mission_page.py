@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading
+from gliderhpc.archive.mission import Summary, archive_errors, describe, open_for_reading, platform_name
 from gliderhpc.archive.reader import Archive
 from gliderhpc.mission.executors import Executor, SerialExecutor
 from gliderhpc.platform import Platform, platform_yaml
-from gliderhpc.report.facts import platform_name
 from gliderhpc.report.page.content import Page, PageSection, drawn
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.overview import overview_section

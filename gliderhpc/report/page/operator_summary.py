@@ -9,18 +9,18 @@ from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.report.facts import polar, with_deviation
+from gliderhpc.findings.formatting import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.mission_figures import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.drift import drift_sentences
-from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import SurfacingMessage
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.studies.drift import NAME as DRIFT
 from gliderhpc.studies.library.scores import finite_median
+from gliderhpc.surfacing.dive_results import surfacing_message
+from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 from gliderhpc.wording import counted
 

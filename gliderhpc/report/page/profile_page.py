@@ -8,11 +8,13 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.mission import platform_name
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, done_profiles, read_profile_data
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.formatting import instant
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.outcomes import Outcome
-from gliderhpc.report.facts import facts_of, instant, platform_name
+from gliderhpc.report.facts import facts_of
 from gliderhpc.report.page.content import (
     Block,
     Commands,

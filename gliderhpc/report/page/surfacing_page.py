@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from gliderhpc.report.facts import polar, signed, with_deviation
+from gliderhpc.findings.formatting import polar, signed, with_deviation
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.rendering import Written, write_page
-from gliderhpc.report.surfacing_message import Current, Ellipse, SurfacingMessage
+from gliderhpc.surfacing.message import Current, Ellipse, SurfacingMessage
 from gliderhpc.wording import counted
 
 _DETERMINED = 0.7

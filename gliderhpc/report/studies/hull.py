@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.findings.formatting import with_deviation
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
-from gliderhpc.report.facts import with_deviation
-from gliderhpc.report.recent_hull import UNDETERMINED, PilotUnit, implausible_warning, pilot_units
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.store_schema.schema import COMPLETE
 from gliderhpc.studies.archived import (
@@ -30,6 +29,7 @@ from gliderhpc.studies.archived import (
     study_table,
 )
 from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, STATEMENTS, SUSPECT
+from gliderhpc.surfacing.recent_hull import UNDETERMINED, PilotUnit, implausible_warning, pilot_units
 from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 
 if TYPE_CHECKING:

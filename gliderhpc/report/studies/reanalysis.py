@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
 from gliderhpc.findings.findings import Findings, archive_findings, markdown
-from gliderhpc.report.facts import ellipse_axes
 from gliderhpc.report.studies.reanalysis_comparisons import Compared, agreement_rows, agreements, compare, comparisons
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, shared_facts
 from gliderhpc.studies.archived import (
@@ -23,7 +22,7 @@ from gliderhpc.studies.archived import (
     provenance_of,
     stored_attribute,
 )
-from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, speed
+from gliderhpc.studies.library.scores import MIN_COVERAGE, direction, ellipse_axes, speed
 from gliderhpc.studies.library.tracks import UncertainCurrent, ellipses_used
 from gliderhpc.studies.reanalysis import COUNTS, NAME
 from gliderhpc.wording import counted

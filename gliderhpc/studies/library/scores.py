@@ -81,6 +81,22 @@ def covariance_matrix(first_std: ArrayLike, second_std: ArrayLike, covariance: A
     return np.stack(rows, axis=-2)
 
 
+def ellipse_axes(covariance: Array) -> tuple[float, float, float]:
+    """Return the 1-sigma ellipse of a covariance ``(2, 2)`` of north and east: semi-axes, direction of the longer one.
+
+    Returns
+    -------
+    longer, shorter : float
+        Semi-axes, in the unit whose square is that of the covariance.
+    angle : float
+        Direction of the longer semi-axis, degree anticlockwise from east, as used in figures with east to the right.
+    """
+    variances, vectors = np.linalg.eigh(covariance)
+    shorter, longer = np.sqrt(np.maximum(variances, 0.0))
+    north, east = vectors[:, 1]
+    return float(longer), float(shorter), float(np.degrees(np.arctan2(north, east)))
+
+
 def sigma_distance(difference: Array, covariance: Array) -> float:
     """Mahalanobis distance of a difference ``(2,)`` from an ellipse of covariance ``(2, 2)``.
 

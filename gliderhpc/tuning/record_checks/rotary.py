@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gliderhpc.estimation.nowcast import TIDAL_PERIODS
+from gliderhpc.vocabulary import TIDAL_PERIODS
 
 Array = NDArray[np.float64]
 

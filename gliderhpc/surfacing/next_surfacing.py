@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.next_displacement import displacement_scatter, expected_displacements, planned_scatter
-from gliderhpc.estimation.nowcast import TIDAL_PERIODS, CurrentObservation, Nowcast, nowcasts
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
 from gliderhpc.observations.times import SECOND
-from gliderhpc.report.dive_plan import DivePlan
 from gliderhpc.studies.library.scores import covariance_matrix
+from gliderhpc.surfacing.dive_plan import DivePlan
+from gliderhpc.surfacing.next_displacement import displacement_scatter, expected_displacements, planned_scatter
+from gliderhpc.surfacing.nowcast import CurrentObservation, Nowcast, nowcasts
+from gliderhpc.vocabulary import TIDAL_PERIODS
 
 Array = NDArray[np.float64]
 
@@ -119,7 +120,7 @@ def predict_from(
     surface_shear : float
         Usual difference between the drift at the surface and the current below, m/s.
     tides : sequence of str
-        Tidal lines of the current, from `gliderhpc.estimation.nowcast.TIDAL_PERIODS`; empty for a current without tide.
+        Tidal lines of the current, from `gliderhpc.vocabulary.TIDAL_PERIODS`; empty for a current without tide.
     plan : DivePlan, optional
         Plan of the next dive, by default a dive like the last one.
 

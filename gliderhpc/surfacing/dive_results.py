@@ -7,15 +7,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.current import adopted_current
+from gliderhpc.archive.mission import platform_name
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, ProfileData, filter_fallbacks, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.quality import MAX_REJECTED_SHARE
-from gliderhpc.report.dive_plan import DivePlan
-from gliderhpc.report.facts import ellipse_axes, iso_instant, platform_name
-from gliderhpc.report.next_surfacing import PROBABILITY, predict_surfacing
-from gliderhpc.report.recent_hull import hull_changes, recent_hull, trim_of
-from gliderhpc.report.surfacing_message import (
+from gliderhpc.findings.formatting import iso_instant
+from gliderhpc.studies.archived import platform_or_none
+from gliderhpc.studies.hull import STATEMENTS
+from gliderhpc.studies.library.scores import covariance_matrix, ellipse_axes
+from gliderhpc.surfacing.dive_plan import DivePlan
+from gliderhpc.surfacing.message import (
     MESSAGE_VERSION,
     Current,
     Ellipse,
@@ -26,9 +28,8 @@ from gliderhpc.report.surfacing_message import (
     SurfacingMessage,
     Water,
 )
-from gliderhpc.studies.archived import platform_or_none
-from gliderhpc.studies.hull import STATEMENTS
-from gliderhpc.studies.library.scores import covariance_matrix
+from gliderhpc.surfacing.next_surfacing import PROBABILITY, predict_surfacing
+from gliderhpc.surfacing.recent_hull import hull_changes, recent_hull, trim_of
 from gliderhpc.vocabulary import QUALITY
 from gliderhpc.wording import counted
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gliderhpc.estimation.next_displacement import displacement_scatter, expected_displacements
+from gliderhpc.surfacing.next_displacement import displacement_scatter, expected_displacements
 
 DURATION = 20_000.0
 DURATIONS = np.full(40, DURATION)

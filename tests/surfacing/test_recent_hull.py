@@ -8,13 +8,13 @@ from support.hull_dives import PARAMETERS, dives
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
-from gliderhpc.report import recent_hull as module
 from gliderhpc.report.page.surfacing_page import surfacing_page
-from gliderhpc.report.recent_hull import hull_changes, probability_above, recent_hull
 from gliderhpc.report.studies import drift
-from gliderhpc.report.surfacing import surfacing_message
-from gliderhpc.report.surfacing_message import HullChange
 from gliderhpc.studies.hull import MissionTerms
+from gliderhpc.surfacing import recent_hull as module
+from gliderhpc.surfacing.dive_results import surfacing_message
+from gliderhpc.surfacing.message import HullChange
+from gliderhpc.surfacing.recent_hull import hull_changes, probability_above, recent_hull
 from gliderhpc.watch.alerts import Rules
 
 HULL = read_platform("petrel-l")

@@ -8,7 +8,6 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.flight.hull_parameters import ONLY_IN_MANOEUVRES
 from gliderhpc.platform import Platform
-from gliderhpc.report.surfacing_message import HullChange, Trim
 from gliderhpc.studies.hull import (
     HullSettings,
     MissionTerms,
@@ -17,6 +16,7 @@ from gliderhpc.studies.hull import (
     combine_terms,
     read_terms,
 )
+from gliderhpc.surfacing.message import HullChange, Trim
 from gliderhpc.tuning.hull_changes import ErrorChange
 from gliderhpc.tuning.mission_hull import MissionHull
 

@@ -8,12 +8,12 @@ from benchmarks.next_surfacing import ERRORS, PLANNED, SURFACE, misses, mission
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.estimation.next_displacement import planned_scatter
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
-from gliderhpc.report.dive_plan import DivePlan, read_plan
-from gliderhpc.report.next_surfacing import ellipse_scale, predict_from, surface_offset
-from gliderhpc.report.surfacing_message import NextSurfacing
+from gliderhpc.surfacing.dive_plan import DivePlan, read_plan
+from gliderhpc.surfacing.message import NextSurfacing
+from gliderhpc.surfacing.next_displacement import planned_scatter
+from gliderhpc.surfacing.next_surfacing import ellipse_scale, predict_from, surface_offset
 
 WIND = np.array([0.25, -0.15])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gliderhpc.estimation.nowcast import CurrentObservation, CurrentProcess, CurrentState, filtered_states, nowcasts
+from gliderhpc.surfacing.nowcast import CurrentObservation, CurrentProcess, CurrentState, filtered_states, nowcasts
 
 HOUR = 3600.0
 

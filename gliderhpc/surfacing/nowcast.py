@@ -20,10 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gliderhpc.vocabulary import TIDAL_PERIODS
 
-TIDAL_PERIODS = {"M2": 12.4206012, "S2": 12.0, "K1": 23.9344721, "O1": 25.8193387}
-"""Periods (h) of the tidal lines."""
+Array = NDArray[np.float64]
 
 DEVIATIONS = (0.02, 0.04, 0.08, 0.16, 0.32)
 CORRELATION_TIMES = (3.0, 6.0, 12.0, 24.0, 48.0, 120.0)

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gliderhpc.report.facts import polar, with_deviation
+from gliderhpc.findings.formatting import polar, with_deviation
 from gliderhpc.wording import counted
 
 MESSAGE_VERSION = "1.3"
