@@ -13,7 +13,8 @@ import numpy as np
 from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.api.hulls import chosen_profiles, split_segments
+from gliderhpc.calibration.glides_text import SCORES, figures, interval_text, remark_of
+from gliderhpc.calibration.workflow import chosen_profiles, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.findings import markdown
@@ -21,7 +22,6 @@ from gliderhpc.flight.hull_parameters import ATTITUDE_PARAMETERS, PARAMETERS, mo
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
-from gliderhpc.report.calibration import SCORES, figures, interval_text, remark_of
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, CalibrationVerdict, calibrate
 from gliderhpc.tuning.segment_errors import choose_buoyancy

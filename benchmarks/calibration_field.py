@@ -17,13 +17,13 @@ from benchmarks.calibration import FIELD, UNFLOWN
 from benchmarks.command_line import positional
 from benchmarks.sections import with_section
 from gliderhpc import Glider, load_platform, open_mission
+from gliderhpc.calibration.glides_text import SCORES
 from gliderhpc.cli.main import main as gliderhpc
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
-from gliderhpc.report.calibration import SCORES
 from gliderhpc.simulator import Scenario, simulate_mission
 
 TWINS = 40

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 import gliderhpc as gh
 from gliderhpc import Glider
-from gliderhpc.api.estimated_hulls import CalibratedHull
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
+from gliderhpc.calibration.estimated_hulls import CalibratedHull
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values

@@ -38,7 +38,7 @@ from benchmarks.hull_commands import (
     run_commands,
     scenario_of,
 )
-from gliderhpc.api.estimated_hulls import HullFromDives
+from gliderhpc.calibration.estimated_hulls import HullFromDives
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.platform import platform_yaml

@@ -6,12 +6,12 @@ import numpy as np
 import xarray as xr
 
 import gliderhpc as gh
-from gliderhpc.api.estimated_hulls import CalibratedHull
+from gliderhpc.calibration.estimated_hulls import CalibratedHull
+from gliderhpc.calibration.glides_text import SCORES, figures
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import Platform
-from gliderhpc.report.calibration import SCORES, figures
 from gliderhpc.vocabulary import QUALITY
 
 MOST_FITTED = 30

@@ -25,7 +25,7 @@ from benchmarks.real_calibration import (
     shares,
 )
 from gliderhpc import load_platform, open_mission
-from gliderhpc.api.estimated_hulls import CalibratedHull
+from gliderhpc.calibration.estimated_hulls import CalibratedHull
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.prepared import prepare_mission

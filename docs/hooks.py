@@ -27,7 +27,7 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 SUBPACKAGES = (
     "kernels", "flight", "observations", "simulator", "estimation", "tuning", "store_schema", "archive", "mission",
-    "findings", "studies", "twins", "surfacing", "report",
+    "findings", "studies", "twins", "surfacing", "calibration", "report",
 )  # fmt: skip
 """Parts of the package that have a page of the reference each."""
 

@@ -1,8 +1,7 @@
 """Inversion of one profile, or of a whole mission."""
 
 import logging
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from gliderhpc.archive import mission as archived
 from gliderhpc.errors import InputError
 from gliderhpc.mission import run
 from gliderhpc.mission.cluster import ClusterAddress, FileNotSharedError
+from gliderhpc.mission.executors import Progress, no_progress
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.prepared import PreparedMission, prepare_mission
 from gliderhpc.mission.settings import MissionSettings
@@ -160,17 +160,13 @@ def run_mission(
     return archived.open_mission(archive)
 
 
-def _no_progress(_: int) -> AbstractContextManager[Callable[[], None]]:
-    return nullcontext(lambda: None)
-
-
 def invert_prepared(
     prepared: PreparedMission,
     store: Location,
     cluster: ClusterAddress | None = None,
     *,
     existing: Existing = Existing.REFUSE,
-    progress: Callable[[int], AbstractContextManager[Callable[[], None]]] = _no_progress,
+    progress: Progress = no_progress,
 ) -> run.MissionResult:
     """Run a prepared inversion on local workers or a cluster, after a brief check of the records of a new archive.
 

@@ -1,14 +1,13 @@
 """Executors of jobs: worker processes on this machine, or a running Dask cluster."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
-from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
+from gliderhpc.mission.executors import OpenExecutor, local_executor, warm_estimation
 from gliderhpc.mission.local_workers import default_workers
 
 Scheduler = str | Path | ClusterAddress | None
@@ -21,7 +20,7 @@ def executor_of(
     needed: tuple[Path, ...] = (),
     max_workers: int | None = None,
     warm: Callable[[], None] = warm_estimation,
-) -> Callable[[], AbstractContextManager[Executor]]:
+) -> OpenExecutor:
     """Return the function that opens an executor.
 
     Parameters

@@ -6,25 +6,15 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from gliderhpc.api.estimated_hulls import (
+from gliderhpc.calibration import dives_text
+from gliderhpc.calibration.estimated_hulls import (
     CalibratedHull,
     HullFromDives,
     HullFromGlides,
     write_history,
     write_platform,
 )
-from gliderhpc.api.hulls import CalibrationInputs, calibrate_and_tune, calibrate_open, tune_open
-from gliderhpc.cli import options
-from gliderhpc.cli.console import logging_to, progress, results, table
-from gliderhpc.cli.main import DONE
-from gliderhpc.cli.messages import Verb, echo, warn
-from gliderhpc.flight.glider import load_platform
-from gliderhpc.mission.hull_rounds import HullRounds
-from gliderhpc.mission.settings import build_settings_of, parse_assignments
-from gliderhpc.observations import open_observations
-from gliderhpc.output_files import check_output
-from gliderhpc.report import hull_rounds as rounds_report
-from gliderhpc.report.calibration import (
+from gliderhpc.calibration.glides_text import (
     DIRECTIONS,
     PARAMETERS,
     SCORES,
@@ -32,7 +22,17 @@ from gliderhpc.report.calibration import (
     parameter_rows,
     score_rows,
 )
-from gliderhpc.report.tuning import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
+from gliderhpc.calibration.hull_rounds import HullRounds
+from gliderhpc.calibration.prior_text import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
+from gliderhpc.calibration.workflow import CalibrationInputs, calibrate_and_tune, calibrate_open, tune_open
+from gliderhpc.cli import options
+from gliderhpc.cli.console import logging_to, progress, results, table
+from gliderhpc.cli.main import DONE
+from gliderhpc.cli.messages import Verb, echo, warn
+from gliderhpc.flight.glider import load_platform
+from gliderhpc.mission.settings import build_settings_of, parse_assignments
+from gliderhpc.observations import open_observations
+from gliderhpc.output_files import check_output
 from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 
@@ -173,23 +173,23 @@ def _dive_tables(rounds: HullRounds) -> list[Table]:
     made = [
         table(
             "parameters, with 95 % intervals",
-            rounds_report.parameter_rows(rounds),
-            rounds_report.PARAMETERS,
+            dives_text.parameter_rows(rounds),
+            dives_text.PARAMETERS,
             ("parameter", "unit", "remark"),
         ),
         table(
             "directions that the dives determine",
-            rounds_report.direction_rows(rounds),
-            rounds_report.DIRECTIONS,
-            rounds_report.DIRECTIONS[1:],
+            dives_text.direction_rows(rounds),
+            dives_text.DIRECTIONS,
+            dives_text.DIRECTIONS[1:],
         ),
     ]
     if rounds.held_out:
         made.append(
             table(
                 "held-out dives compared with the sum of the others",
-                rounds_report.held_out_rows(rounds),
-                rounds_report.HELD_OUT,
+                dives_text.held_out_rows(rounds),
+                dives_text.HELD_OUT,
                 (),
             )
         )

@@ -4,7 +4,6 @@ import functools
 import math
 import re
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from click.shell_completion import CompletionItem
 from gliderhpc.api.import_options import NUMBERS
 from gliderhpc.api.workers import executor_of
 from gliderhpc.mission.cluster import ClusterAddress
-from gliderhpc.mission.executors import PATIENCE, Executor
+from gliderhpc.mission.executors import PATIENCE, OpenExecutor
 from gliderhpc.platform import shipped_platforms
 from gliderhpc.shipped import nearest
 
@@ -147,9 +146,7 @@ def cluster_address(scheduler: str | None, file: Path | None, patience: float = 
     return None if scheduler is None and file is None else ClusterAddress(scheduler, file, patience)
 
 
-def executor_for(
-    workers: int | None, cluster: ClusterAddress | None = None, *further: Any
-) -> Callable[[], AbstractContextManager[Executor]]:
+def executor_for(workers: int | None, cluster: ClusterAddress | None = None, *further: Any) -> OpenExecutor:
     """Check the arguments as options, and return the function of `executor_of` that opens the executor."""
     check_workers(workers, cluster)
     return executor_of(workers, cluster, *further)

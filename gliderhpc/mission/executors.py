@@ -7,7 +7,7 @@ import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -88,6 +88,19 @@ class Executor(ABC):
             if attempt.error is not None:
                 raise attempt.error
             yield attempt.result
+
+
+OpenExecutor = Callable[[], AbstractContextManager[Executor]]
+"""Function that opens an executor."""
+
+Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
+"""Function that opens a display of progress over a number of steps; its context is the function that advances it."""
+
+
+@contextmanager
+def no_progress(_: int) -> Iterator[Callable[[], None]]:
+    """Open no display, and yield a function that does nothing."""
+    yield lambda: None
 
 
 class SerialExecutor(Executor):

@@ -17,7 +17,7 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.quality import SLOPE_BIAS, USUALLY_CONVERGED
 from gliderhpc.estimation.settings import smoother_passes
-from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.executors import Executor, OpenExecutor
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.jobs import ProfileResult, RunInputs, profile_results, run_batch
 from gliderhpc.mission.local_workers import default_workers
@@ -42,8 +42,6 @@ log = logging.getLogger(__name__)
 
 TABLE_INTERVAL = 5.0
 """Seconds between updates of the archive's table during a run."""
-
-ExecutorContext = AbstractContextManager[Executor]
 
 _SETTINGS_OF_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
 """Settings of the smoother that have an effect only if it makes several passes."""
@@ -79,7 +77,7 @@ class MissionResult:
 def run_mission(
     prepared: PreparedMission,
     store: Location,
-    executor: Callable[[], ExecutorContext],
+    executor: OpenExecutor,
     *,
     existing: Existing = Existing.REFUSE,
     check_last: int | None = None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 from gliderhpc.archive.mission import check_is_path
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.errors import InputError
-from gliderhpc.mission.executors import Executor
+from gliderhpc.mission.executors import OpenExecutor
 from gliderhpc.mission.settings import MissionSettings, SettingsModel, build_settings_of, parse_assignments
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
@@ -69,7 +68,7 @@ class Request:
     """
 
     archive: Path
-    executor: Callable[[], AbstractContextManager[Executor]]
+    executor: OpenExecutor
     profiles: str | None = None
     quick: bool = False
     estimate: str = ADJOINT

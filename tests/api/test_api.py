@@ -22,10 +22,11 @@ from support.missions import archive_bytes, program
 from support.repository import REPOSITORY
 
 import gliderhpc as gh
-from gliderhpc.api import hulls, missions
+from gliderhpc.api import missions
 from gliderhpc.api.arguments import assignments_of, profiles_text
-from gliderhpc.api.estimated_hulls import HullFromDives, HullFromGlides
 from gliderhpc.api.records import InspectedRecords
+from gliderhpc.calibration import workflow
+from gliderhpc.calibration.estimated_hulls import HullFromDives, HullFromGlides
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
@@ -505,10 +506,10 @@ def test_a_prior_that_a_run_would_refuse_is_not_written(monkeypatch, caplog):
     hull, reason = gh.load_platform("petrel-l"), "a run refuses a profile with more than 5% of its samples rejected"
     first = HullFromGlides(platform=hull, calibration=None, caution="calibrated before")
     monkeypatch.setattr(HullFromGlides, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
-    monkeypatch.setattr(hulls, "calibrate_open", lambda *_: first)
-    monkeypatch.setattr(hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"]))
-    monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: reason)
-    found = hulls.calibrate_and_tune(hulls.CalibrationInputs(None, hull, hulls.CalibrateSettings()), None)
+    monkeypatch.setattr(workflow, "calibrate_open", lambda *_: first)
+    monkeypatch.setattr(workflow, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"]))
+    monkeypatch.setattr(workflow.prior_text, "refusal", lambda *_: reason)
+    found = workflow.calibrate_and_tune(workflow.CalibrationInputs(None, hull, workflow.CalibrateSettings()), None)
     assert found.platform.prior == hull.prior
     assert found.caution.startswith("calibrated before; the prior was tuned but is not used, since a run refuses")
     assert "the prior was tuned but is not used" in caplog.text
@@ -530,12 +531,12 @@ def test_a_prior_with_which_the_dives_give_no_hull_is_not_written(raised, monkey
 
     with_prior = hull.model_copy(update={"prior": default_prior(hull)})
     monkeypatch.setattr(HullFromDives, "fitted", SimpleNamespace(profiles=(1, 2, 3)))
-    monkeypatch.setattr(hulls, "calibrate_open", calibrated)
+    monkeypatch.setattr(workflow, "calibrate_open", calibrated)
     monkeypatch.setattr(
-        hulls, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"], platform=with_prior)
+        workflow, "tune_open", lambda *_: SimpleNamespace(tuned=None, notes=["log-likelihood"], platform=with_prior)
     )
-    monkeypatch.setattr(hulls.tuning_report, "refusal", lambda *_: "")
-    found = hulls.calibrate_and_tune(hulls.CalibrationInputs(None, hull, hulls.CalibrateSettings()), None)
+    monkeypatch.setattr(workflow.prior_text, "refusal", lambda *_: "")
+    found = workflow.calibrate_and_tune(workflow.CalibrationInputs(None, hull, workflow.CalibrateSettings()), None)
     assert found.platform is hull
     assert found.dives is first.dives
     assert re.match(rf"the prior was tuned but is not used, since with it .*\({reason}\)", found.caution)

@@ -12,6 +12,8 @@ from support.steady_glides import glides
 from benchmarks.calibration import ONE_PITCH, coverage, summary, twin
 from gliderhpc import load_platform
 from gliderhpc.api import hulls
+from gliderhpc.calibration import workflow
+from gliderhpc.calibration.glides_text import notes, warnings
 from gliderhpc.errors import CalibrationError, InputError, ProfileError
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import angle_of_attack
@@ -27,7 +29,6 @@ from gliderhpc.flight.steady_glide import least_glide_angle, steady_glide
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform, read_platform
 from gliderhpc.platform_sections import number_at
-from gliderhpc.report.calibration import notes, warnings
 from gliderhpc.simulator import load_scenario, read_scenario, simulate_mission
 from gliderhpc.tuning import calibration
 from gliderhpc.tuning import steady_segments as segments_module
@@ -867,7 +868,7 @@ def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, mon
     """A file that the next command refuses must not come with exit status 0."""
     found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     corrupted = replace(found, platform=with_values(found.platform, values))
-    monkeypatch.setattr(hulls, "fit", lambda *_: corrupted)
+    monkeypatch.setattr(workflow, "fit", lambda *_: corrupted)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     (line,) = answer.err.splitlines()[-1:]
@@ -880,7 +881,7 @@ def test_a_fit_that_is_refused_exits_with_one_line_and_no_file(mission, tmp_path
     def refused(*_):
         raise CalibrationError("calibration: the fit is worse than its start, so nothing is written; look")
 
-    monkeypatch.setattr(hulls, "fit", refused)
+    monkeypatch.setattr(workflow, "fit", refused)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     assert answer.err.splitlines()[-1].startswith("gliderhpc: calibration: the fit is worse than its start")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.steady_glides import glides
 
+from gliderhpc.calibration.glides_text import notes
 from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.platform import read_platform
-from gliderhpc.report.calibration import notes
 from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
 from gliderhpc.tuning.disagreeing_profiles import disagreeing_profiles
 from gliderhpc.tuning.segment_errors import SegmentErrors

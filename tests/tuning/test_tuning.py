@@ -9,12 +9,12 @@ from scipy.stats import chi2
 from support.missions import changed_observations, program, samples_of
 
 from gliderhpc import load_platform
-from gliderhpc.api.estimated_hulls import TunedHull
+from gliderhpc.calibration.estimated_hulls import TunedHull
+from gliderhpc.calibration.prior_text import provenance, warnings
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.observations import open_observations
 from gliderhpc.outcomes import Outcome
 from gliderhpc.platform import DisturbancePrior, platform_yaml, read_platform
-from gliderhpc.report.tuning import provenance, warnings
 from gliderhpc.simulator import read_scenario, simulate_mission
 from gliderhpc.store_schema import DISTURBANCE_PRIOR
 from gliderhpc.tuning.disturbance_prior import TuneSettings, TuningVerdict, tune_prior

@@ -1,12 +1,12 @@
 """Calibration of a hull on whole profiles, starting from the fit of its trim to the steady glides."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from gliderhpc.calibration.hull_rounds import CalibrationRounds, HullRounds
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import (
@@ -19,8 +19,7 @@ from gliderhpc.flight.hull_parameters import (
     with_values,
 )
 from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.hull_rounds import CalibrationRounds, HullRounds
+from gliderhpc.mission.executors import OpenExecutor, Progress, no_progress
 from gliderhpc.observations import Observations
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.calibration import CalibrateSettings
@@ -30,10 +29,6 @@ from gliderhpc.tuning.mission_hull import prior_predictive_test
 from gliderhpc.tuning.segment_errors import keys_of
 from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
-OpenExecutor = Callable[[], AbstractContextManager[Executor]]
-Progress = Callable[[int], AbstractContextManager[Callable[[], None]]]
-"""Function that opens a progress display for a number of profiles and yields the function that advances it."""
-
 _JUDGED_QUANTITIES = 2
 """Number of quantities of the steady balance by which the hull found in the rounds is judged: depth rate and pitch.
 Roll and rate of turn also respond to moments exerted by the moving water. The profiles separate these from errors in
@@ -41,12 +36,6 @@ the hull's own moments; the steady balance does not."""
 
 _MIN_PROBABILITY = 0.01
 """Minimum prior probability of a distance from the base as large as the hull's; a less probable hull is refused."""
-
-
-@contextmanager
-def no_progress(_: int) -> Iterator[Callable[[], None]]:
-    """Open no display, and yield a function that does nothing."""
-    yield lambda: None
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from gliderhpc.calibration.glides_text import describe_origin, score_sentence
+from gliderhpc.calibration.hull_rounds import HullRounds
 from gliderhpc.flight.buoyancy import REFERENCE_TEMPERATURE
-from gliderhpc.mission.hull_rounds import HullRounds
-from gliderhpc.report.calibration import describe_origin, score_sentence
 from gliderhpc.surfacing.recent_hull import IMPLAUSIBLE, UNDETERMINED
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.wording import capitalised

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from gliderhpc.calibration import dives_text, glides_text, prior_text
+from gliderhpc.calibration.profile_calibration import ProfileCalibration
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
-from gliderhpc.mission.profile_calibration import ProfileCalibration
 from gliderhpc.output_files import check_output, output_file, write_text
 from gliderhpc.platform import Platform, platform_yaml
-from gliderhpc.report import calibration as calibration_report
-from gliderhpc.report import hull_rounds as rounds_report
-from gliderhpc.report import tuning as tuning_report
 from gliderhpc.tuning.calibration import Calibration
 from gliderhpc.tuning.calibration_score import Score
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
@@ -103,13 +101,13 @@ class CalibratedHull(EstimatedHull, ABC):
     def scores(self) -> pd.DataFrame:
         """Root mean square errors of the balance, before and after, on the fitted and the held-out profiles."""
         rows = {
-            (name, when): calibration_report.IN_UNITS * values
+            (name, when): glides_text.IN_UNITS * values
             for name, score in (("fitted", self.fitted), ("held out", self.held_out))
             if score.segments
             for when, values in (("before", score.before), ("after", score.after))
         }
         index = pd.MultiIndex.from_tuples(list(rows), names=["profiles", "when"])
-        return pd.DataFrame(list(rows.values()), index=index, columns=list(calibration_report.SCORES[2:]))
+        return pd.DataFrame(list(rows.values()), index=index, columns=list(glides_text.SCORES[2:]))
 
     @property
     def notes(self) -> list[str]:
@@ -159,7 +157,7 @@ class HullFromGlides(CalibratedHull):
                 "low": [p.interval[0] for p in parameters],
                 "high": [p.interval[1] for p in parameters],
                 "scatter": [p.scatter_share for p in parameters],
-                "remark": [calibration_report.remark_of(p) for p in parameters],
+                "remark": [glides_text.remark_of(p) for p in parameters],
             },
             index=pd.Index([p.parameter.key for p in parameters], name="parameter"),
         )
@@ -182,14 +180,14 @@ class HullFromGlides(CalibratedHull):
     @property
     def remarks(self) -> list[str]:
         """Remarks that supplement the tables."""
-        return calibration_report.notes(self.calibration)
+        return glides_text.notes(self.calibration)
 
     def _estimate_warnings(self) -> list[str]:
-        return calibration_report.warnings(self.calibration)
+        return glides_text.warnings(self.calibration)
 
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration, with its warnings."""
-        made = calibration_report.provenance(self.calibration, observations, digest, assignments)
+        made = glides_text.provenance(self.calibration, observations, digest, assignments)
         return " ".join([made, *(f"{capitalised(text)}." for text in (self.failure, self.caution) if text)])
 
 
@@ -208,12 +206,12 @@ class HullFromDives(CalibratedHull):
     @property
     def table(self) -> pd.DataFrame:
         """One row per parameter, as described in `CalibratedHull.table`."""
-        return rounds_report.parameter_table(self.dives.rounds)
+        return dives_text.parameter_table(self.dives.rounds)
 
     @property
     def history(self) -> pd.DataFrame:
         """One row per dive and parameter, as described in `CalibratedHull.history`."""
-        return rounds_report.history_table(self.dives.rounds)
+        return dives_text.history_table(self.dives.rounds)
 
     @property
     def fitted(self) -> Score:
@@ -228,16 +226,16 @@ class HullFromDives(CalibratedHull):
     @property
     def remarks(self) -> list[str]:
         """Remarks that supplement the tables."""
-        return rounds_report.notes(self.dives.rounds) + calibration_report.score_notes(self.fitted, self.held_out)
+        return dives_text.notes(self.dives.rounds) + glides_text.score_notes(self.fitted, self.held_out)
 
     def _estimate_warnings(self) -> list[str]:
-        convergence = rounds_report.warnings(self.dives.rounds, self.dives.tolerance)
-        return convergence + calibration_report.score_warnings(self.fitted)
+        convergence = dives_text.warnings(self.dives.rounds, self.dives.tolerance)
+        return convergence + glides_text.score_warnings(self.fitted)
 
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration; its notes include the warnings."""
         scores = (("fitted", self.fitted), ("held out", self.held_out))
-        return rounds_report.provenance(self.notes, scores, observations, digest, assignments)
+        return dives_text.provenance(self.notes, scores, observations, digest, assignments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +266,7 @@ class TunedHull(EstimatedHull):
             "before": self.tuned.before.numbers,
             "after": self.tuned.after.numbers,
             "factor": np.exp(np.where(self.tuned.errors < _MAX_ERROR, self.tuned.errors, np.nan)),
-            "remark": [tuning_report.remark_of(verdict) for verdict in self.tuned.verdicts],
+            "remark": [prior_text.remark_of(verdict) for verdict in self.tuned.verdicts],
         }
         index = pd.MultiIndex.from_product([("deviation", "correlation time"), tuple(CHANNELS)])
         return pd.DataFrame(columns, index=index.set_names(["quantity", "channel"]))
@@ -276,13 +274,13 @@ class TunedHull(EstimatedHull):
     @property
     def notes(self) -> list[str]:
         """Remarks on the gain in likelihood, and on whether the maximum was reached, followed by the warnings."""
-        interpolated = [tuning_report.INTERPOLATED] if self.tuned.interpolated else []
-        return [tuning_report.closing_text(self.tuned, self.settings), *interpolated, *self.warnings]
+        interpolated = [prior_text.INTERPOLATED] if self.tuned.interpolated else []
+        return [prior_text.closing_text(self.tuned, self.settings), *interpolated, *self.warnings]
 
     @property
     def warnings(self) -> list[str]:
         """Warnings about the prior."""
-        return tuning_report.warnings(self.tuned, self.settings)
+        return prior_text.warnings(self.tuned, self.settings)
 
 
 def write_platform(out: Path, platform: Platform, overwrite: bool) -> Path:

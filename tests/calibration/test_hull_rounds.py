@@ -7,12 +7,8 @@ import pytest
 from support.missions import changed_observations, program
 
 import gliderhpc as gh
-from gliderhpc.api.estimated_hulls import HullFromGlides
-from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
-from gliderhpc.flight.steady_glide import glides_stably
-from gliderhpc.mission.hull_rounds import (
+from gliderhpc.calibration.estimated_hulls import HullFromGlides
+from gliderhpc.calibration.hull_rounds import (
     CalibrationRounds,
     SmoothedProfile,
     SmoothingJob,
@@ -20,6 +16,10 @@ from gliderhpc.mission.hull_rounds import (
     pooled_factor,
     smoothed_profile,
 )
+from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.flight.glider import Glider
+from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform, with_values
+from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import Scenario, simulate_mission
@@ -146,7 +146,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
     def fail(*_, **__):
         raise gh.CalibrationError("calibration: worse")
 
-    monkeypatch.setattr("gliderhpc.api.hulls.calibrate_on_profiles", fail)
+    monkeypatch.setattr("gliderhpc.calibration.workflow.calibrate_on_profiles", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert isinstance(found, HullFromGlides)
     assert found.notes[-1].startswith("fit of the steady glides alone, since the dives did not give a better")
@@ -251,7 +251,7 @@ def test_rounds_that_end_early_state_their_last_move(records):
 
 def test_rounds_without_a_stable_glide_ahead_have_not_converged(records, monkeypatch):
     """They end at once, and the warning gives the distance to the best fit."""
-    monkeypatch.setattr("gliderhpc.mission.hull_rounds.bounded_step", lambda base, parameters, eta, target: eta)
+    monkeypatch.setattr("gliderhpc.calibration.hull_rounds.bounded_step", lambda base, parameters, eta, target: eta)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, rounds={"most": 3})
     assert found.dives.rounds.moves == (0.0,)
     (warning,) = [note for note in found.notes if "has no stable glide" in note]
@@ -316,7 +316,7 @@ def test_the_steady_glide_fit_is_returned_if_no_dive_can_be_smoothed(records, mo
     def fail(job):
         return SmoothedProfile(job.number, np.datetime64("NaT", "ns"), message="no attitude")
 
-    monkeypatch.setattr("gliderhpc.mission.hull_rounds.smoothed_profile", fail)
+    monkeypatch.setattr("gliderhpc.calibration.hull_rounds.smoothed_profile", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert isinstance(found, HullFromGlides)
     assert "no dive could be smoothed, the first because no attitude" in found.notes[-1]

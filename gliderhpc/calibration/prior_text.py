@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from gliderhpc.report.calibration import describe_origin
+from gliderhpc.calibration.glides_text import describe_origin
 from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings, TuningVerdict
 from gliderhpc.tuning.likelihood import Whiteness
 from gliderhpc.vocabulary import CHANNELS
