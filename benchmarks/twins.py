@@ -22,7 +22,7 @@ from gliderhpc.estimation.current_errors import TERMS
 from gliderhpc.findings.findings import COLUMNS, NUMBER_COLUMNS, comparison_from_json, markdown, number
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.currents.runs import GUSTS as BROADBAND
-from gliderhpc.twins.estimators.report import claim, page_text
+from gliderhpc.twins.estimators.page import claim, page_text
 from gliderhpc.vocabulary import CHANNELS
 
 STUDIES = ("windows", "sensitivity", "recoverability")

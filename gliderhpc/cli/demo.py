@@ -36,7 +36,7 @@ from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write
 from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES, VALIDATION
 from gliderhpc.studies.request import Request, Simulation
-from gliderhpc.twins.windows import STUDY as WINDOWS
+from gliderhpc.twins.windows.experiment import STUDY as WINDOWS
 from gliderhpc.wording import counted
 
 

@@ -14,13 +14,13 @@ from gliderhpc.cli.studies import write_and_print
 from gliderhpc.estimation.current_errors import read_budget
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.output_files import check_folder
-from gliderhpc.twins.currents import NAME as CURRENTS
-from gliderhpc.twins.currents import currents_study
-from gliderhpc.twins.estimators import STUDY as ESTIMATORS
-from gliderhpc.twins.recoverability import STUDY as RECOVERABILITY
-from gliderhpc.twins.sensitivity import STUDY as SENSITIVITY
+from gliderhpc.twins.currents.experiment import NAME as CURRENTS
+from gliderhpc.twins.currents.experiment import currents_study
+from gliderhpc.twins.estimators.experiment import STUDY as ESTIMATORS
+from gliderhpc.twins.recoverability.experiment import STUDY as RECOVERABILITY
+from gliderhpc.twins.sensitivity.experiment import STUDY as SENSITIVITY
 from gliderhpc.twins.study import TwinStudy
-from gliderhpc.twins.windows import STUDY as WINDOWS
+from gliderhpc.twins.windows.experiment import STUDY as WINDOWS
 
 _HULLS = ("petrel-l", "seawing")
 

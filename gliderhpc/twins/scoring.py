@@ -103,6 +103,12 @@ def twin_current(inversion: TwinInversion) -> DepthAveragedCurrent:
     return current
 
 
+def along_and_across(error: Array, track: Array) -> tuple[Array, Array]:
+    """Components ``(n,)`` of errors ``(n, 2)`` along and to starboard of tracks ``(n, 2)``, north and east."""
+    unit = track / np.linalg.norm(track, axis=1)[:, None]
+    return (error * unit).sum(axis=1), error[:, 1] * unit[:, 0] - error[:, 0] * unit[:, 1]
+
+
 def mean(values: Array) -> float:
     """Mean; NaN without values."""
     return float(values.mean()) if values.size else float("nan")

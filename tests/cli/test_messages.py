@@ -26,7 +26,7 @@ COMMAND_LINES = (
     "calibration/prior_text.py",
     "store_schema/commits.py",
     "studies/request.py",
-    "twins/estimators/report.py",
+    "twins/estimators/page.py",
 )
 """Modules that write whole command lines, and so have options in their texts."""
 

@@ -22,7 +22,6 @@ from gliderhpc.platform import read_platform
 from gliderhpc.studies import currents
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.studies.library.turbulence.series import bridge_gaps, high_passed
-from gliderhpc.twins import recoverability
 from gliderhpc.twins.cases import (
     UNCERTAIN_COEFFICIENTS,
     RecordChanges,
@@ -31,9 +30,10 @@ from gliderhpc.twins.cases import (
     with_factors,
     world,
 )
-from gliderhpc.twins.recoverability import crossing, identification_noise
+from gliderhpc.twins.recoverability import experiment as recoverability
+from gliderhpc.twins.recoverability.experiment import crossing, identification_noise
 from gliderhpc.twins.scoring import boundaries_of, jump_ratio, seam_ratio
-from gliderhpc.twins.windows import strongest_stretch
+from gliderhpc.twins.windows.experiment import strongest_stretch
 
 STEP = 0.1
 

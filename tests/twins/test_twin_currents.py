@@ -16,7 +16,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.passband import PERIODS, describe_bin_averaging, describe_unresolved, passband
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings, smooth_stretches, without_baseline
 from gliderhpc.twins.cases import TwinCase, paper_dive, world
-from gliderhpc.twins.currents import BUDGET, currents_study
+from gliderhpc.twins.currents.experiment import BUDGET, currents_study
 from gliderhpc.twins.currents.resolved import SCALES, LateralSeries, resolved_band, slope, spectral_sums, transfer_lines
 from gliderhpc.twins.currents.results import (
     ALL,

@@ -31,8 +31,8 @@ from gliderhpc.twins.cases import (
     with_sample_interval,
     world,
 )
-from gliderhpc.twins.figures import SWEEP_LABELS, draw_sensitivity
 from gliderhpc.twins.scoring import LONGITUDINAL_AND_YAW, Row
+from gliderhpc.twins.sensitivity.figure import SWEEP_LABELS, draw_sensitivity
 from gliderhpc.twins.study import (
     TwinPlan,
     TwinRun,

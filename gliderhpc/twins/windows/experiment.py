@@ -19,7 +19,6 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.findings.findings import Comparison, Findings, number
 from gliderhpc.platform import Platform
 from gliderhpc.twins.cases import OPERATING_LENGTH, PRESETS, TwinCase, course_of, world
-from gliderhpc.twins.figures import Excerpt, draw_windows
 from gliderhpc.twins.inversion import invert_twin
 from gliderhpc.twins.scoring import LONGITUDINAL_AND_YAW, YAW, Row, boundaries_of
 from gliderhpc.twins.study import (
@@ -36,6 +35,7 @@ from gliderhpc.twins.study import (
     tidy_table,
     twin_findings,
 )
+from gliderhpc.twins.windows.figure import Excerpt, draw_windows
 
 EXCERPT = 160.0
 """Duration of panels (a) and (b) of the figure, s."""

@@ -22,8 +22,8 @@ from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario
 from gliderhpc.studies.library.scores import rms
 from gliderhpc.twins.cases import PRESETS, QUIET, TwinCase, course_of, with_coefficient_errors, with_impulses, world
-from gliderhpc.twins.figures import draw_recoverability
 from gliderhpc.twins.inversion import TwinInversion, invert_twin
+from gliderhpc.twins.recoverability.figure import draw_recoverability
 from gliderhpc.twins.scoring import (
     Row,
     find_impulses,

@@ -1,0 +1,1 @@
+"""Detectable disturbances, and the error of the unobserved part of the motion."""

@@ -1,0 +1,1 @@
+"""Effects of noise, offsets, wrong coefficients, steps and gaps."""

@@ -1,0 +1,1 @@
+"""Window length, margin, handover and transform of the adjoint."""
