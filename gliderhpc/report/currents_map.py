@@ -15,7 +15,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import SHADE, SMALL, footnote, label, new_figure, style_axes
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
-from gliderhpc.studies.library.scores import covariance_matrix
+from gliderhpc.report.maps import CIRCLE, covariance_factors
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
@@ -26,8 +26,7 @@ ARROW_SHARE = 0.28
 """Length of the fastest current's arrow, relative to the longer side of the region with the dives."""
 
 _COLOURS = "viridis"
-CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 61)), np.sin(np.linspace(0.0, 2.0 * np.pi, 61))])
-"""Unit circle, (2, 61)."""
+
 
 _ROUND = (1.0, 2.0, 5.0)
 _MARGIN = 0.06
@@ -78,13 +77,6 @@ def _degrees_per_speed(places: Array, narrowing: float, fastest: float) -> float
     """Return the length of the arrow of a current of 1 m/s, in degrees of latitude."""
     width, height = np.ptp(places, axis=0) * [narrowing, 1.0]
     return float(ARROW_SHARE * max(width, height, 0.01) / max(fastest, 1e-3))
-
-
-def covariance_factors(north_std: Array, east_std: Array, covariance: Array) -> NDArray[np.float64]:
-    """Return factors ``(n, 2, 2)`` of the covariances of (east, north); they map the unit circle to the ellipse."""
-    matrices = covariance_matrix(east_std, north_std, covariance)
-    values, vectors = np.linalg.eigh(np.nan_to_num(matrices))
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 def _draw_tracks(axes: Axes, table: xr.Dataset, centre: float) -> None:

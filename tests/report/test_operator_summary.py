@@ -11,7 +11,7 @@ from gliderhpc.platform import read_platform
 from gliderhpc.report.page import operator_summary as module
 from gliderhpc.report.page.anomalies import common_remarks
 from gliderhpc.report.page.content import Facts, Notice, Remarks
-from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.mission_table import MissionTable
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
 from gliderhpc.studies.hull import MissionTerms

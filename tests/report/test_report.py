@@ -28,9 +28,11 @@ from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
+from gliderhpc.report.maps import round_speed
 from gliderhpc.report.page import write_mission_page, write_profile_page
 from gliderhpc.report.page.content import FigureBlock
-from gliderhpc.report.page.mission_figures import MissionTable, map_figure, round_speed
+from gliderhpc.report.page.mission_figures import map_figure
+from gliderhpc.report.page.mission_table import MissionTable
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import run_command, study_command

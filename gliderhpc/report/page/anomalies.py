@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from gliderhpc.archive.mission import Summary
 from gliderhpc.report.facts import failure_text
-from gliderhpc.report.page.mission_figures import MissionTable
+from gliderhpc.report.page.mission_table import MissionTable
 from gliderhpc.wording import counted
 
 POORLY_CONVERGED = 0.8

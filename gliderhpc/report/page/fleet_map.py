@@ -24,8 +24,7 @@ from gliderhpc.findings.drawing import (
     new_figure,
     style_axes,
 )
-from gliderhpc.report.currents_map import CIRCLE, covariance_factors
-from gliderhpc.report.page.mission_figures import DEGREE, MIN_EXTENT, frame_map, round_speed
+from gliderhpc.report.maps import CIRCLE, covariance_factors, frame_map, map_extent, round_speed
 from gliderhpc.surfacing.next_surfacing import PROBABILITY
 
 if TYPE_CHECKING:
@@ -141,7 +140,7 @@ def _draw_currents(
     known = [(track, position) for track, (_, position) in zip(tracks, placed, strict=True) if track.has_current]
     if not known:
         return []
-    extent = max(float(np.hypot(*(np.ptp(every, axis=0) * [shrink, 1.0]))), MIN_EXTENT / DEGREE)
+    extent = map_extent(every, shrink)
     fastest = max(float(np.hypot(*track.current)) for track, _ in known)
     degrees = _ARROW_LENGTH * extent / max(fastest, 1e-3)
     stretch = degrees * np.array([1.0 / shrink, 1.0])

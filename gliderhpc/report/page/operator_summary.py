@@ -12,7 +12,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.formatting import polar, with_deviation
 from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, PageSection, Paragraph, Remarks
-from gliderhpc.report.page.mission_figures import MissionTable, last_current
+from gliderhpc.report.page.mission_table import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.drift import drift_sentences

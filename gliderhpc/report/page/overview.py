@@ -7,7 +7,8 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts, failure_text
 from gliderhpc.report.page.content import Block, Facts, FigureBlock, Notice, PageSection, Row, Table, limited_warnings
-from gliderhpc.report.page.mission_figures import SHOWN, MissionTable, map_figure, profiles_figure, timing_figure
+from gliderhpc.report.page.mission_figures import map_figure, profiles_figure, timing_figure
+from gliderhpc.report.page.mission_table import SHOWN, MissionTable
 from gliderhpc.store_schema import STATUS
 from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.wording import counted

@@ -25,8 +25,8 @@ from gliderhpc.findings.drawing import (
 )
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.outcomes import Outcome
+from gliderhpc.report.maps import draw_arrows, round_speed, scale_arrow
 from gliderhpc.report.page.content import Row
-from gliderhpc.report.page.mission_figures import draw_arrows, round_speed, scale_arrow
 from gliderhpc.store_schema.schema import CONTROLS
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.library.tracks import anchored_tracks, motions_of
