@@ -1,13 +1,13 @@
-"""Strict parsing of users' YAML and of ``KEY=VALUE``: no duplicate keys, bounded size, one-line errors."""
+"""Strict parsing of users' YAML and of ``KEY=VALUE``, and the base of the models that validate the values."""
 
 import reprlib
 import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from gliderhpc.errors import InputError
 
@@ -32,19 +32,35 @@ def shown(value: object) -> str:
     return _SHORT.repr(value)
 
 
-def without_boolean_numbers(model: type[BaseModel], values: Any) -> Any:
-    """Return the values of a model unchanged, if none of them is a boolean in place of a number.
+class UserValues(BaseModel):
+    """Frozen values of a user: no unknown names, and only finite numbers up to `max_number`.
 
-    Raises
-    ------
-    ValueError
-        A value is true or false, and its field is not; pydantic would take it for 1 or 0.
+    A boolean in place of a number is refused; pydantic would take it for 1 or 0.
     """
-    for name, value in values.items() if isinstance(values, Mapping) else ():
-        field = model.model_fields.get(name)
-        if isinstance(value, bool) and field is not None and "bool" not in str(field.annotation):
-            raise ValueError(f"{name} is {str(value).lower()}, but must be a number or one of the words for it")
-    return values
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    max_number: ClassVar[float]
+    max_number_rule: ClassVar[str]
+    """Largest magnitude of a number, and the rule about it for the message."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_boolean_numbers(cls, values: Any) -> Any:
+        for name, value in values.items() if isinstance(values, Mapping) else ():
+            field = cls.model_fields.get(name)
+            if isinstance(value, bool) and field is not None and "bool" not in str(field.annotation):
+                raise ValueError(f"{name} is {str(value).lower()}, but must be a number or one of the words for it")
+        return values
+
+    @model_validator(mode="after")
+    def _not_huge(self) -> Self:
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, int | float) and abs(number) > self.max_number:
+                    raise ValueError(f"{name} is {shown(number)}, but {self.max_number_rule}")
+        return self
 
 
 def read_yaml_text(path: Path, kind: str) -> str:

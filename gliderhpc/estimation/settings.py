@@ -1,16 +1,16 @@
 """All numbers of the estimation that a user may change: frozen, validated once, stored with the archive."""
 
-from typing import Any, Literal, Self, TypeAlias
+from typing import Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from gliderhpc.estimation.priors import is_slow_and_untuned
 from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import SixPositive
-from gliderhpc.yaml_text import shown, without_boolean_numbers
+from gliderhpc.yaml_text import UserValues
 
 SLOW_SENSORS = 5.0
 """Sample interval (s) beyond which the window length is a number of samples (docs/theory/estimate.md)."""
@@ -25,24 +25,11 @@ MAX_SETTING = 1e12
 Channel: TypeAlias = Literal["B_cu", "B_cv", "B_cw", "B_cp", "B_cq", "B_cr"]
 
 
-class Settings(BaseModel):
-    """Base of every settings object: frozen, without unknown keys, finite numbers only."""
+class Settings(UserValues):
+    """Base of every settings object."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_boolean_numbers(cls, values: Any) -> Any:
-        return without_boolean_numbers(cls, values)
-
-    @model_validator(mode="after")
-    def _not_huge(self) -> Self:
-        for name in type(self).model_fields:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, int | float) and abs(number) > MAX_SETTING:
-                    raise ValueError(f"{name} is {shown(number)}, but no setting may exceed {MAX_SETTING:g}")
-        return self
+    max_number = MAX_SETTING
+    max_number_rule = f"no setting may exceed {MAX_SETTING:g}"
 
 
 class WindowSettings(Settings):

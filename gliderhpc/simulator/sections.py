@@ -1,10 +1,10 @@
 """Sections of a scenario: all numbers of the simulator, which are validated once and stored with the truth."""
 
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from gliderhpc.yaml_text import shown, without_boolean_numbers
+from gliderhpc.yaml_text import UserValues
 
 LARGEST_VALUE = 1e9
 """Largest number in a scenario, in any unit; a larger one is a typing error."""
@@ -26,24 +26,11 @@ Positive: TypeAlias = Annotated[float, Field(gt=0)]
 SixPositive: TypeAlias = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
 
 
-class ScenarioSection(BaseModel):
-    """Immutable section of finite values, without unknown names."""
+class ScenarioSection(UserValues):
+    """Base of a scenario and its sections."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _no_boolean_numbers(cls, values: Any) -> Any:
-        return without_boolean_numbers(cls, values)
-
-    @model_validator(mode="after")
-    def _not_huge(self) -> Self:
-        for name in type(self).model_fields:
-            value = getattr(self, name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, int | float) and abs(number) > LARGEST_VALUE:
-                    raise ValueError(f"{name} is {shown(number)}, but no value in a scenario may exceed 1e9")
-        return self
+    max_number = LARGEST_VALUE
+    max_number_rule = "no value in a scenario may exceed 1e9"
 
 
 class Actuation(ScenarioSection):
