@@ -185,10 +185,10 @@ def _plain_files(path: Path, out: Path | None) -> list[Path]:
     """Return a file or a Zarr folder itself, or the netCDF files but `out` of any other folder."""
     if not path.is_dir() or any((path / mark).exists() for mark in ("zarr.json", ".zgroup")):
         return [path]
-    held = sorted(path.iterdir())
-    chosen = [candidate for candidate in held if _is_netcdf(candidate) and candidate.is_file()]
+    entries = sorted(path.iterdir())
+    chosen = [candidate for candidate in entries if _is_netcdf(candidate) and candidate.is_file()]
     chosen = [candidate for candidate in chosen if out is None or candidate.resolve() != out.resolve()]
-    name_compressed(chosen, held, _is_netcdf)
+    name_compressed(chosen, entries, _is_netcdf)
     if not chosen:
         raise InputError(f"{path}: contains neither netCDF files nor an instrument's records; give the files to read")
     return chosen

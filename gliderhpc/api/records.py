@@ -82,7 +82,7 @@ def _can_be_imported(path: Path) -> bool:
     if not path.exists():
         return False
     try:
-        return any(kind_of_file(held) is not None for held in _files(path))
+        return any(kind_of_file(file) is not None for file in _files(path))
     except InputError:
         return False
 
@@ -186,7 +186,7 @@ def kind_of(sources: Sequence[Path]) -> str:
 
 def _refuse_with_needs(sources: Sequence[Path]) -> None:
     """Raise an error that names the variables missing from the first netCDF file or table."""
-    for path in (held for source in sources for held in _files(source)):
+    for path in (file for source in sources for file in _files(source)):
         if is_table(path):
             raise InputError(describe_suitability(NavigationColumns(read_table(path), str(path))))
         if path.suffix.lower() == ".nc":
@@ -205,7 +205,7 @@ def is_instrument_file(path: Path) -> bool:
     if not path.exists():
         raise InputError(f"{path}: {describe_missing(path)}")
     if path.is_dir():
-        return any(is_instrument_file(held) for held in _files(path))
+        return any(is_instrument_file(file) for file in _files(path))
     if kind_by_name(path) is not None:
         return True
     if path.suffix.lower() != ".nc":

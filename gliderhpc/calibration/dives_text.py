@@ -138,8 +138,8 @@ def warnings(rounds: HullRounds, tolerance: float) -> list[str]:
 
 def describe_fitted_profiles(rounds: HullRounds) -> str:
     """Describe the fitted and the held-out profiles."""
-    apart = f"; held out {', '.join(str(number) for number, *_ in rounds.held_out)}" if rounds.held_out else ""
-    return f"fitted on the dives of profiles {', '.join(map(str, rounds.mission.numbers.tolist()))}{apart}"
+    held_out = f"; held out {', '.join(str(number) for number, *_ in rounds.held_out)}" if rounds.held_out else ""
+    return f"fitted on the dives of profiles {', '.join(map(str, rounds.mission.numbers.tolist()))}{held_out}"
 
 
 def provenance(

@@ -164,7 +164,7 @@ class HullFromGlides(CalibratedHull):
 
     @property
     def history(self) -> pd.DataFrame:
-        """Refuse: there are no estimates dive by dive."""
+        """Raise `InputError`, since there are no estimates by dive."""
         raise InputError("history: a fit of the steady glides alone has none; calibrate with rounds.most above zero")
 
     @property
@@ -187,8 +187,8 @@ class HullFromGlides(CalibratedHull):
 
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration, with its warnings."""
-        made = glides_text.provenance(self.calibration, observations, digest, assignments)
-        return " ".join([made, *(f"{capitalised(text)}." for text in (self.failure, self.caution) if text)])
+        origin = glides_text.provenance(self.calibration, observations, digest, assignments)
+        return " ".join([origin, *(f"{capitalised(text)}." for text in (self.failure, self.caution) if text)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

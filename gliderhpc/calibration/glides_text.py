@@ -169,16 +169,16 @@ def provenance(calibration: Calibration, observations: str, digest: str, assignm
     return ". ".join(filter(None, sentences)) + "."
 
 
-def describe_origin(made: str, observations: str, digest: str, assignments: Sequence[str]) -> str:
-    """Describe the origin of an estimated hull: what made it, version, records with their digest, and overrides."""
+def describe_origin(command: str, observations: str, digest: str, assignments: Sequence[str]) -> str:
+    """Describe the origin of an estimated hull: command, version, records with their digest, and overrides."""
     overrides = f" with {' '.join(f'--set {assignment}' for assignment in assignments)}" if assignments else ""
-    return f"{made} {__version__} on {observations} (sha256 {digest[:12]}){overrides}"
+    return f"{command} {__version__} on {observations} (sha256 {digest[:12]}){overrides}"
 
 
 def describe_fitted_profiles(calibration: Calibration) -> str:
     """Describe the fitted and the held-out profiles."""
-    apart = f"; held out {_numbers(calibration.held_out)}" if calibration.held_out.segments else ""
-    return f"fitted on {_numbers(calibration.fitted)}{apart}"
+    held_out = f"; held out {_numbers(calibration.held_out)}" if calibration.held_out.segments else ""
+    return f"fitted on {_numbers(calibration.fitted)}{held_out}"
 
 
 def interval_text(parameter: CalibratedParameter) -> str:

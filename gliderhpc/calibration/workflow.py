@@ -72,8 +72,8 @@ def calibrate_open(
     if platform.calibration is not None:
         calibrated = replace(calibrated, caution=CALIBRATED_BEFORE)
     observations = inputs.observations
-    made = calibrated.provenance(observations.path.name, observations.digest(), inputs.assignments)
-    return _with_source(calibrated, f"{platform.source} {made}")
+    origin = calibrated.provenance(observations.path.name, observations.digest(), inputs.assignments)
+    return _with_source(calibrated, f"{platform.source} {origin}")
 
 
 def _read_segments(inputs: CalibrationInputs) -> tuple[Platform, SteadySegments, SteadySegments]:
@@ -161,9 +161,9 @@ def calibrate_and_tune(
 
 def _without_prior(first: CalibratedHull, reason: str) -> CalibratedHull:
     """Return the result of the first calibration with the reason why the tuned prior is not used."""
-    doubt = f"the prior was tuned but is not used, since {reason}; the hull is that of the first calibration"
-    log.warning(doubt)
-    return replace(first, caution="; ".join(filter(None, (first.caution, doubt))))
+    caution = f"the prior was tuned but is not used, since {reason}; the hull is that of the first calibration"
+    log.warning(caution)
+    return replace(first, caution="; ".join(filter(None, (first.caution, caution))))
 
 
 def _before_rounds(
@@ -174,8 +174,8 @@ def _before_rounds(
     The former is the platform, with drag and lift from the measured velocity if there is one.
     """
     start = fit_trim(platform, segments, settings.calibration, log.info)
-    held = keys_of(settings.calibration.hold, (*hull_parameters(platform), *steady_parameters(platform, segments)))
-    base = with_measured_polar(platform, start, segments, settings.smoother.velocity_error, held, log.info)
+    held_keys = keys_of(settings.calibration.hold, (*hull_parameters(platform), *steady_parameters(platform, segments)))
+    base = with_measured_polar(platform, start, segments, settings.smoother.velocity_error, held_keys, log.info)
     return base, start if base is platform else fit_trim(base, segments, settings.calibration, log.info)
 
 
@@ -183,13 +183,13 @@ def chosen_profiles(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
     """Return the profiles to read, and those of them to hold out for the score (None if none are named)."""
-    taken = _profiles_to_use(observations, profiles, settings.calibration.profiles)
+    chosen = _profiles_to_use(observations, profiles, settings.calibration.profiles)
     if hold_out is None:
-        return taken, None
+        return chosen, None
     held_out = list(select_profiles(observations.profile_numbers, hold_out, "hold_out"))
-    if set(taken) <= set(held_out):
+    if set(chosen) <= set(held_out):
         raise InputError("`hold_out` leaves no profile for the fit; name fewer profiles")
-    return sorted({*taken, *held_out}), held_out
+    return sorted({*chosen, *held_out}), held_out
 
 
 def _profiles_to_use(observations: Observations, profiles: str | None, count: int) -> list[int]:
@@ -225,6 +225,6 @@ def tune_open(
         used = [profile.series.number for profile in prepared]
         announce(f"tuning on {prior_text.used_text(used, settings)}")
         tuned = tune_prior(platform, prepared, settings, lambda value: announce(f"log-likelihood {value:.1f}"))
-    made = prior_text.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
-    update = {"prior": tuned.after, "source": f"{platform.source} {made}"}
+    origin = prior_text.provenance(tuned, observations.path.name, observations.digest(), used, settings, assignments)
+    update = {"prior": tuned.after, "source": f"{platform.source} {origin}"}
     return TunedHull(platform.model_copy(update=update), tuned, tuple(used), settings)

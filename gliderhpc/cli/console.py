@@ -32,7 +32,7 @@ class _Console(Console):
 class LogFormatter(logging.Formatter):
     """Format of log lines: a message is one line, followed by the traceback, if any.
 
-    The lines name the options of the command that is running when the format is made; other threads also log them.
+    Lines name the options of the command that is running when the formatter is created, also lines of other threads.
     """
 
     def __init__(self) -> None:
@@ -57,12 +57,12 @@ def results() -> Console:
 
 def table(title: str, rows: Sequence[tuple[str, ...]], headings: Sequence[str], words: Collection[str]) -> Table:
     """Return a table of texts; columns whose heading is in `words` are left-aligned, the others right-aligned."""
-    made = Table(title=title, title_justify="left")
+    grid = Table(title=title, title_justify="left")
     for heading in headings:
-        made.add_column(heading, justify="left" if heading in words else "right")
+        grid.add_column(heading, justify="left" if heading in words else "right")
     for row in rows:
-        made.add_row(*row)
-    return made
+        grid.add_row(*row)
+    return grid
 
 
 _LOG_LINE = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ ")

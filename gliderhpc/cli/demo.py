@@ -31,7 +31,7 @@ from gliderhpc.observations.truth import truth_path
 from gliderhpc.output_files import check_folder
 from gliderhpc.platform import Platform
 from gliderhpc.report.accuracy import accuracy_table, render
-from gliderhpc.report.page import Written, write_mission_page
+from gliderhpc.report.page import ReportFiles, write_mission_page
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES, VALIDATION
@@ -61,11 +61,11 @@ def demo(out: Path, full: bool) -> int:
       gliderhpc demo --full
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
     with logging_to(None):
-        made = run_demo(out, lambda line: echo(line, err=True), results().print, full=full)
-    echo(closing_line(made.mission, str(made.store)))
-    echo(f"the archive: gliderhpc info {made.store}")
-    echo(f"the report: {made.report.page}")
-    return 1 if made.mission.failed else 0
+        result = run_demo(out, lambda line: echo(line, err=True), results().print, full=full)
+    echo(closing_line(result.mission, str(result.store)))
+    echo(f"the archive: gliderhpc info {result.store}")
+    echo(f"the report: {result.report.page}")
+    return 1 if result.mission.failed else 0
 
 
 PLATFORM, SCENARIO = "petrel-l", "demo"
@@ -92,7 +92,7 @@ class DemoResult:
     ----------
     observations, truth, store : Path
         The simulated records, their truth, and the archive.
-    report : Written
+    report : ReportFiles
         Page of the report, its tables and figures.
     mission : MissionResult
         Result of the run.
@@ -101,7 +101,7 @@ class DemoResult:
     observations: Path
     truth: Path
     store: Path
-    report: Written
+    report: ReportFiles
     mission: MissionResult
 
 

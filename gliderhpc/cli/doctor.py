@@ -35,9 +35,9 @@ def doctor(store: Location, scheduler: str | None, scheduler_file: Path | None) 
     checks = list(examine(store, options.cluster_address(scheduler, scheduler_file)))
     for line in format_checks(checks):
         echo(line)
-    lacking = [check.name for check in checks if check.state is State.MISSING]
-    echo(f"missing: {', '.join(lacking)}" if lacking else "everything that a run needs is available")
-    return FAILED if lacking else DONE
+    missing = [check.name for check in checks if check.state is State.MISSING]
+    echo(f"missing: {', '.join(missing)}" if missing else "everything that a run needs is available")
+    return FAILED if missing else DONE
 
 
 def format_checks(checks: Sequence[Check]) -> list[str]:

@@ -170,7 +170,7 @@ def _glide_tables(steady: Calibration) -> list[Table]:
 
 
 def _dive_tables(rounds: HullRounds) -> list[Table]:
-    made = [
+    tables = [
         table(
             "parameters, with 95 % intervals",
             dives_text.parameter_rows(rounds),
@@ -185,7 +185,7 @@ def _dive_tables(rounds: HullRounds) -> list[Table]:
         ),
     ]
     if rounds.held_out:
-        made.append(
+        tables.append(
             table(
                 "held-out dives compared with the sum of the others",
                 dives_text.held_out_rows(rounds),
@@ -193,7 +193,7 @@ def _dive_tables(rounds: HullRounds) -> list[Table]:
                 (),
             )
         )
-    return made
+    return tables
 
 
 log = logging.getLogger("gliderhpc.tune")

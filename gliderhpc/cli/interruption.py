@@ -30,11 +30,11 @@ _SEARCHED_FRAMES = 4
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt on Ctrl-C, on the end of the terminal, and on SIGTERM, which batch systems send.
 
-    An interruption that arrives at a bad moment is raised a moment later. Moments are bad while a library takes or
-    releases a lock, and where Python has no caller to raise the exception to, as in the callback of a weak reference.
-    Ctrl-C stays ignored if it was when the process started, as in a shell's background jobs, and the end of the
-    terminal as under `nohup`. The context has no effect
-    outside the main thread, the only one that receives signals.
+    An interruption at an unsafe moment is raised shortly afterwards: while a library takes or releases a lock, or where
+    Python has no caller to raise the exception to, as in the callback of a weak reference.
+    Ctrl-C remains ignored if it was ignored when the process started, as in a shell's background jobs, and so does the
+    end of the terminal, as under `nohup`. The context has no effect outside the main thread, the only one that receives
+    signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -157,10 +157,10 @@ def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
     """Format comparisons as a table for a terminal, with spread and remark only if a row has one."""
     shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
     table = Table(title=Text(title), title_justify="left")
-    for column in _shown_of(COLUMNS, shown):
+    for column in _selected(COLUMNS, shown):
         table.add_column(column, justify="right" if column in NUMBER_COLUMNS else "left", overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, _shown_of(row.cells, shown)))
+        table.add_row(*map(Text, _selected(row.cells, shown)))
     return table
 
 
@@ -185,8 +185,8 @@ def _known(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
-def _shown_of(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
-    return [value for value, keep in zip(values, shown, strict=True) if keep]
+def _selected(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
+    return [value for value, is_shown in zip(values, shown, strict=True) if is_shown]
 
 
 class Drawings(Mapping[str, "Figure"]):

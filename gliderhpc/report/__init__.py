@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gliderhpc.report.page import Written
+    from gliderhpc.report.page import ReportFiles
     from gliderhpc.store_schema.location import Location
 
 
@@ -26,7 +26,7 @@ class _Report(ModuleType):
         profile: int | None = None,
         twins: str | Path | None = None,
         truth: str | Path | None = None,
-    ) -> "Written":
+    ) -> "ReportFiles":
         """Write one or several archives as HTML pages; parameters as in `gliderhpc.report.page.write_report`."""
         from gliderhpc.report.page import write_report
 

@@ -39,7 +39,7 @@ class ProfileAccuracy:
     ----------
     number : int
         Number of the profile.
-    adjoint, prior : tuple of Score
+    adjoint, prior : tuple of EstimateScore
         Scores of the six disturbances, N and N m.
     tracking : tuple of float
         RMSE of the reconstruction against the measurements: roll, pitch, heading (degree) and depth (m).
@@ -66,7 +66,7 @@ class AccuracyRow:
         Name of the quantity in the table.
     unit : str
         Unit of the errors.
-    adjoint, prior : Score
+    adjoint, prior : EstimateScore
         Scores of adjoint and filter; the archive has neither a reconstruction nor a current of the filter.
     """
 

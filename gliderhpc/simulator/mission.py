@@ -64,10 +64,10 @@ def make_part(job: PartJob) -> int:
 def parts_in_order(jobs: Sequence[PartJob], run: RunJobs) -> Iterator[tuple[ProfileRecord, ProfileTruth]]:
     """Run the jobs and yield their results in the order of the jobs, independent of the order of completion."""
     waiting = [job.number for job in jobs]
-    made: set[int] = set()
+    done: set[int] = set()
     for number in run(make_part, jobs):
-        made.add(number)
-        while waiting and waiting[0] in made:
+        done.add(number)
+        while waiting and waiting[0] in done:
             yield _taken(part_path(jobs[0].folder, waiting.pop(0)))
 
 

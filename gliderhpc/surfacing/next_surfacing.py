@@ -304,12 +304,12 @@ def surface_offset(dives: xr.Dataset, surface_shear: float) -> tuple[Array, floa
     time = dives["exit_surface_time"].values
     drift, current = (_vectors(dives, columns) for columns in ("exit_surface_{}", "dac_{}_smoothed"))
     known = np.isfinite(drift).all(axis=1) & (time > 0.0)
-    apart = (drift[known] / time[known, None] - current[known])[-_COMPARED:]
-    count = len(apart)
+    differences = (drift[known] / time[known, None] - current[known])[-_COMPARED:]
+    count = len(differences)
     if not count:
         return np.zeros(2), surface_shear
-    mean = apart.mean(axis=0)
-    squares = 0.5 * float(np.sum((apart - mean) ** 2)) + _PRIOR_DRIFTS * surface_shear**2
+    mean = differences.mean(axis=0)
+    squares = 0.5 * float(np.sum((differences - mean) ** 2)) + _PRIOR_DRIFTS * surface_shear**2
     scatter = float(np.sqrt(squares / (count - 1 + _PRIOR_DRIFTS)))
     return mean * _OFFSET**2 / (_OFFSET**2 + scatter**2 / count), scatter
 

@@ -150,15 +150,15 @@ class PilotUnit:
 
 def pilot_units(platform: Platform) -> tuple[PilotUnit, ...]:
     """Return the quantities of a hull that a pilot can change or correct."""
-    density, apart = platform.buoyancy.water_density, "last dive minus platform file"
+    density, difference = platform.buoyancy.water_density, "last dive minus platform file"
     condition = f"in water of {density:g} kg/m3, to float as the platform file states"
     return (
-        PilotUnit("buoyancy.neutral_volume", f"neutral oil volume, {apart}", "cm3", 1.0),
+        PilotUnit("buoyancy.neutral_volume", f"neutral oil volume, {difference}", "cm3", 1.0),
         PilotUnit("buoyancy.neutral_volume", "equivalent ballast to add", "g", -1e-3 * density, condition),
-        PilotUnit("position.battery", f"battery zero, {apart}", "mm", 1e3),
-        PilotUnit("sensors.pitch_offset", f"offset of the pitch, {apart}", "degree", 1.0),
-        PilotUnit("sensors.roll_offset", f"offset of the roll, {apart}", "degree", 1.0),
-        PilotUnit("sensors.heading_offset", f"offset of the heading, {apart}", "degree", 1.0),
+        PilotUnit("position.battery", f"battery zero, {difference}", "mm", 1e3),
+        PilotUnit("sensors.pitch_offset", f"offset of the pitch, {difference}", "degree", 1.0),
+        PilotUnit("sensors.roll_offset", f"offset of the roll, {difference}", "degree", 1.0),
+        PilotUnit("sensors.heading_offset", f"offset of the heading, {difference}", "degree", 1.0),
     )
 
 

@@ -8,10 +8,10 @@ from gliderhpc.errors import InputError
 from gliderhpc.output_files import check_folder
 from gliderhpc.report.page.fleet import write_fleet
 from gliderhpc.report.page.mission_page import write_mission_page, write_profile_page
-from gliderhpc.report.page.rendering import Written, check_apart
+from gliderhpc.report.page.rendering import ReportFiles, check_outside_archives
 from gliderhpc.store_schema.location import Location, is_address
 
-__all__ = ["Written", "write_mission_page", "write_profile_page", "write_report"]
+__all__ = ["ReportFiles", "write_mission_page", "write_profile_page", "write_report"]
 
 
 def write_report(
@@ -21,7 +21,7 @@ def write_report(
     profile: int | None = None,
     twins: str | Path | None = None,
     truth: str | Path | None = None,
-) -> Written:
+) -> ReportFiles:
     """Write an archive, or one profile of it, as one self-contained HTML page with its tables and figures.
 
     For several archives, each page is written into a separate folder below `out`, and ``index.html`` is the page of the
@@ -42,7 +42,7 @@ def write_report(
 
     Returns
     -------
-    Written
+    ReportFiles
         Paths of the ``page``, the ``tables`` and the ``figures``. For several archives they are those of the fleet's
         page, and ``failed`` has a line for each archive without a page.
 
@@ -65,7 +65,7 @@ def write_report(
     check_folder(folder)
     if len(places) > 1:
         return write_fleet(places, folder)
-    check_apart(places, [folder])
+    check_outside_archives(places, [folder])
     place = places[0]
     if profile is None:
         return write_mission_page(place, folder, twins, truth)

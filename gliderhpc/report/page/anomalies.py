@@ -27,10 +27,10 @@ def profile_anomalies(summary: Summary, table: MissionTable) -> Iterator[str]:
         yield f"{pending} {'profile' if pending == 1 else 'profiles'} still to be estimated"
     poor = table.number[table.done & (table.converged < POORLY_CONVERGED)].tolist()
     if poor:
-        yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {listed_profiles(poor)}"
+        yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {name_profiles(poor)}"
     unknown = table.number[table.done & ~table.with_current].tolist()
     if unknown:
-        yield f"no current of {listed_profiles(unknown)}"
+        yield f"no current of {name_profiles(unknown)}"
 
 
 def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:
@@ -56,7 +56,7 @@ def _failures(summary: Summary) -> Iterator[str]:
         yield f"{more} more failed"
 
 
-def listed_profiles(numbers: list[int]) -> str:
+def name_profiles(numbers: list[int]) -> str:
     """Return the first of some profile numbers as text, and how many more there are."""
     shown = ", ".join(map(str, numbers[:_LISTED]))
     more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""

@@ -26,8 +26,8 @@ from gliderhpc.report.page.content import (
 )
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
-from gliderhpc.report.page.mission_page import MISSION_PAGE, made_line, write_mission_page
-from gliderhpc.report.page.rendering import Written, check_apart, write_page
+from gliderhpc.report.page.mission_page import MISSION_PAGE, footer, write_mission_page
+from gliderhpc.report.page.rendering import ReportFiles, check_outside_archives, write_page
 from gliderhpc.store_schema.location import Location, absolute, is_address
 from gliderhpc.surfacing.next_surfacing import PROBABILITY
 from gliderhpc.wording import counted
@@ -85,7 +85,7 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def write_fleet(places: Sequence[Location], out: Path) -> Written:
+def write_fleet(places: Sequence[Location], out: Path) -> ReportFiles:
     """Write the page of every mission into a separate folder, and the page of the fleet.
 
     Parameters
@@ -97,7 +97,7 @@ def write_fleet(places: Sequence[Location], out: Path) -> Written:
 
     Returns
     -------
-    Written
+    ReportFiles
         Files of the fleet's page; `failed` has a line for each archive without a separate page.
 
     Raises
@@ -107,14 +107,14 @@ def write_fleet(places: Sequence[Location], out: Path) -> Written:
         archives can be read.
     """
     names = folder_names(places)
-    check_apart(places, [out, *(out / name for name in names)])
+    check_outside_archives(places, [out, *(out / name for name in names)])
     members = [
         _report_member(_Member(number, place, name), out)
         for number, (place, name) in enumerate(zip(places, names, strict=True), start=1)
     ]
     if all(member.state is None for member in members):
         raise InputError(f"none of the {len(members)} archives can be read; the first: {members[0].fault}")
-    written = write_page(_fleet_page(members, out), out, MISSION_PAGE, made_line(f"{len(places)} archives"))
+    written = write_page(_fleet_page(members, out), out, MISSION_PAGE, footer(f"{len(places)} archives"))
     return replace(written, failed=tuple(member.fault for member in members if member.fault))
 
 

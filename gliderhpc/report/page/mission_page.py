@@ -15,7 +15,7 @@ from gliderhpc.report.page.content import Page, PageSection, drawn
 from gliderhpc.report.page.operator_summary import operator_section
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
-from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.page.rendering import ReportFiles, write_page
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, provenance_section
 from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
 from gliderhpc.store_schema.location import Location
@@ -33,7 +33,7 @@ def write_mission_page(
     twins: Path | None = None,
     truth: Path | None = None,
     executor: Executor | None = None,
-) -> Written:
+) -> ReportFiles:
     """Write the page of a mission, its tables and its figures.
 
     Parameters
@@ -57,7 +57,7 @@ def write_mission_page(
     summary, source = describe(place), PageSource(place, out, twins, truth)
     with archive_errors(place), open_for_reading(place) as archive:
         page = mission_page(archive, summary, source, executor or SerialExecutor())
-        written = write_page(page, out, MISSION_PAGE, made_line(place))
+        written = write_page(page, out, MISSION_PAGE, footer(place))
         _write_platform(archive, out)
     return written
 
@@ -140,7 +140,7 @@ def _drawn_section(place: Location, job: tuple[int, MakeSection]) -> tuple[int, 
         return index, None if section is None else drawn(section)
 
 
-def write_profile_page(place: Location, number: int, out: Path, truth: Path | None = None) -> Written:
+def write_profile_page(place: Location, number: int, out: Path, truth: Path | None = None) -> ReportFiles:
     """Write the page of one profile, ``profile_N.html``, into the folder of the mission's page.
 
     Raises
@@ -151,12 +151,12 @@ def write_profile_page(place: Location, number: int, out: Path, truth: Path | No
     with archive_errors(place), open_for_reading(place) as archive:
         command = PageSource(place, out, truth=truth).profile_command(number)
         page = profile_page(archive, number, place, command, truth)
-        written = write_page(page, out, f"profile_{number}.html", made_line(place))
+        written = write_page(page, out, f"profile_{number}.html", footer(place))
         _write_platform(archive, out)
     return written
 
 
-def made_line(source: Location) -> str:
+def footer(source: Location) -> str:
     """Return the line at the foot of a page made from an archive, or from the described source."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return f"Made by gliderhpc {__version__} from {source} on {now}."

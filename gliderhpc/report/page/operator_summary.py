@@ -10,7 +10,7 @@ from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.formatting import polar, with_deviation
-from gliderhpc.report.page.anomalies import common_remarks, listed_profiles, profile_anomalies
+from gliderhpc.report.page.anomalies import common_remarks, name_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.mission_table import MissionTable, last_current
 from gliderhpc.report.page.surfacing_page import current_text, dive_facts, hull_blocks
@@ -76,7 +76,7 @@ def _drift(archive: Archive) -> Iterator[str]:
 def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:
     """Yield a sentence on the estimated profiles without a smoothed estimate, in which something unusual happened."""
     if SMOOTHED in archive.children and (without := filter_fallbacks(archive, table.number[table.done].tolist())):
-        yield f"the smoother has no estimate of {listed_profiles(without)}"
+        yield f"the smoother has no estimate of {name_profiles(without)}"
 
 
 def _mission_current(table: MissionTable) -> dict[str, str]:

@@ -26,7 +26,7 @@ def overview_section(archive: Archive, summary: Summary) -> PageSection:
             "Outcomes of the profiles, and of the windows of the profiles that are done.",
             [*profile_outcomes(summary), *window_outcomes(archive)],
         ),
-        *_pictures(table),
+        *_figure_blocks(table),
         Table("profiles", "Every profile of the mission, from the archive's own table.", table.rows(), shown=SHOWN),
     )
     return PageSection("overview", "Mission overview", blocks)
@@ -87,19 +87,19 @@ def window_outcomes(archive: Archive) -> list[Row]:
     ]
 
 
-def _pictures(table: MissionTable) -> list[Block]:
+def _figure_blocks(table: MissionTable) -> list[Block]:
     if not table.done.any():
         return [Notice("no profile is done yet, so there is nothing to draw; finish the run with run-mission --resume")]
-    pictures: list[Block] = []
+    blocks: list[Block] = []
     track = map_figure(table)
     if track is None:
-        pictures.append(Notice("no profile has a fix before and after it, so there is no map"))
+        blocks.append(Notice("no profile has a fix before and after it, so there is no map"))
     else:
-        pictures.append(FigureBlock("map", _map_caption(table), _map_alternative(table), track))
-    pictures.append(
+        blocks.append(FigureBlock("map", _map_caption(table), _map_alternative(table), track))
+    blocks.append(
         FigureBlock("profiles_over_time", _PROFILES_CAPTION, _profiles_alternative(table), profiles_figure(table))
     )
-    pictures.append(
+    blocks.append(
         FigureBlock(
             "timing",
             _timing_caption(table),
@@ -107,7 +107,7 @@ def _pictures(table: MissionTable) -> list[Block]:
             timing_figure(table),
         )
     )
-    return pictures
+    return blocks
 
 
 def _map_caption(table: MissionTable) -> str:

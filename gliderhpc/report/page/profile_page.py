@@ -61,9 +61,7 @@ def profile_page(archive: Archive, number: int, place: Location, command: str, t
         f"{platform_name(attributes)}, {instant(data.epoch)}",
         (
             _overview(archive, data, stem),
-            PageSection(
-                "motion", "Motion and disturbances", (motion_picture(archive, number, f"{stem}_motion", truth),)
-            ),
+            PageSection("motion", "Motion and disturbances", (motion_block(archive, number, f"{stem}_motion", truth),)),
             PageSection("windows", "Windows of the inversion", _windows(archive, data, stem)),
             PageSection("controls", "Controls and vibration", _controls(data, stem)),
             PageSection("currents", "Currents", _currents(archive, data, place, stem)),
@@ -121,9 +119,11 @@ def _windows(archive: Archive, data: ProfileData, stem: str) -> tuple[Block, ...
         "Iterations, final cost and optimality measure of every window of the inversion, drawn at the middle of the "
         f"window and marked by outcome. {_describe_outcomes(windows)}"
     )
-    shown = "Iterations, cost and optimality measure of every window over the time of the profile, marked by outcome."
+    alternative = (
+        "Iterations, cost and optimality measure of every window over the time of the profile, marked by outcome."
+    )
     return (
-        FigureBlock(f"{stem}_windows", caption, shown, windows_figure(data, windows)),
+        FigureBlock(f"{stem}_windows", caption, alternative, windows_figure(data, windows)),
         Table(
             f"{stem}_windows", "The windows; times are counted from the profile's first sample.", window_rows(windows)
         ),
@@ -145,9 +145,9 @@ def _controls(data: ProfileData, stem: str) -> tuple[Block, ...]:
         "thresholds, with the guard time on either side; these samples are inverted like the others, but excluded "
         "from the statistics of steady glide."
     )
-    shown = "Battery position and rotation, ballast volume and rudder over time, with the vibration set shaded."
-    picture = FigureBlock(f"{stem}_controls", caption, shown, controls_figure(data))
-    return (picture, Table(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
+    alternative = "Battery position and rotation, ballast volume and rudder over time, with the vibration set shaded."
+    figure = FigureBlock(f"{stem}_controls", caption, alternative, controls_figure(data))
+    return (figure, Table(f"{stem}_vibration", "Intervals of the vibration set.", vibration_rows(data)))
 
 
 def _currents(archive: Archive, data: ProfileData, place: Location, stem: str) -> tuple[Block, ...]:
@@ -177,10 +177,10 @@ def _currents(archive: Archive, data: ProfileData, place: Location, stem: str) -
 
 def _current_rows(data: ProfileData) -> list[dict[str, Any]]:
     methods = {"smoother": "_smoothed", "inversion": "", "glide angle": "_glide_angle"}
-    taken = {SMOOTHED: "smoother", ADJOINT: "inversion"}.get(str(adopted_current(data.table).estimate))
+    adopted = {SMOOTHED: "smoother", ADJOINT: "inversion"}.get(str(adopted_current(data.table).estimate))
     rows = []
     for method, suffix in methods.items():
-        row: dict[str, Any] = {"method": method, "taken": "yes" if method == taken else ""}
+        row: dict[str, Any] = {"method": method, "taken": "yes" if method == adopted else ""}
         for along in ("north", "east"):
             row[f"{along}, m/s"] = _table_value(data, f"dac_{along}{suffix}")
             row[f"{along} std, m/s"] = _table_value(data, f"dac_{along}{suffix}_std")
@@ -214,12 +214,12 @@ def representative_section(archive: Archive, command: str, truth: Path | None) -
         f"Profile {number}, of median depth among the estimated profiles, serves as an example (as in the "
         "paper's Figures 2 and 3)."
     )
-    figure = motion_picture(archive, number, "representative_profile", truth)
+    figure = motion_block(archive, number, "representative_profile", truth)
     other = Commands("To write the page of any profile, with its windows, controls and currents:", (command,))
     return PageSection("representative", f"A representative profile: {number}", (introduction, figure, other))
 
 
-def motion_picture(archive: Archive, number: int, stem: str, truth: Path | None) -> FigureBlock:
+def motion_block(archive: Archive, number: int, stem: str, truth: Path | None) -> FigureBlock:
     """Draw a profile's motion and disturbances, with the truth if it is known."""
     known = None if truth is None else read_profile_truth(truth, number)
     return FigureBlock(
@@ -263,20 +263,22 @@ def depth_resolved_blocks(archive: Archive, number: int, place: Location, stem: 
         command = study_command(_CURRENTS, archive, place)
         return (Commands("The archive contains no depth-resolved current of this profile. To compute it:", (command,)),)
     bins = archive[_CURRENTS].to_dataset().sel(profile=number).load()
-    made = provenance_of(archive, _CURRENTS)
+    provenance = provenance_of(archive, _CURRENTS)
     outdated = outdated_because(archive, _CURRENTS)
-    doubt = (Notice(f"The depth-resolved current was {outdated}; run the study again."),) if outdated else ()
+    warning = (Notice(f"The depth-resolved current was {outdated}; run the study again."),) if outdated else ()
     if not np.isfinite(bins["both_shear_north"].values).any():
-        return (*doubt, Notice(nothing_retrieved(bins)))
+        return (*warning, Notice(nothing_retrieved(bins)))
     figure = figure_7(
-        archive, read_profile_data(archive, number, made.estimate), DepthResolvedSettings.model_validate(made.settings)
+        archive,
+        read_profile_data(archive, number, provenance.estimate),
+        DepthResolvedSettings.model_validate(provenance.settings),
     )
-    shown = (
+    alternative = (
         f"Current of profile {number} by depth, its shear-sensitive part on dive and climb, and the track from above."
     )
     return (
-        *doubt,
-        FigureBlock(f"{stem}_current_by_depth", _BY_DEPTH_CAPTION, shown, figure),
+        *warning,
+        FigureBlock(f"{stem}_current_by_depth", _BY_DEPTH_CAPTION, alternative, figure),
         Table(f"{stem}_current_by_depth", "The depth bins that have a value.", _bin_rows(bins)),
     )
 

@@ -101,7 +101,7 @@ def _decimal(value: float) -> str:
     return number(value).replace("-", "−", 1) if math.isfinite(value) and value < 0.0 else number(value)
 
 
-def check_apart(places: Sequence[Location], folders: Sequence[Path]) -> None:
+def check_outside_archives(places: Sequence[Location], folders: Sequence[Path]) -> None:
     """Check that no page is written into an archive.
 
     Raises
@@ -160,7 +160,7 @@ def _size_of(png: bytes) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Written:
+class ReportFiles:
     """Files of a report: page, tables and figures (as PNG); for several archives, also a line for each failure."""
 
     page: Path
@@ -169,7 +169,7 @@ class Written:
     failed: tuple[str, ...] = ()
 
 
-def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
+def write_page(page: Page, folder: Path, name: str, footer: str) -> ReportFiles:
     """Render a page into a folder.
 
     Parameters
@@ -180,8 +180,8 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
         Output folder, created if missing; files of the same names are replaced.
     name : str
         Name of the page's file.
-    made : str
-        Footer of the page, with time and source.
+    footer : str
+        Line at the foot of the page, with time and source.
 
     Raises
     ------
@@ -198,13 +198,13 @@ def write_page(page: Page, folder: Path, name: str, made: str) -> Written:
             for block in blocks
             if isinstance(block, Table | LinkedTable)
         ]
-        (aside / name).write_text(_html(page, figures, made), "utf-8", "replace")
-    return Written(
+        (aside / name).write_text(_html(page, figures, footer), "utf-8", "replace")
+    return ReportFiles(
         folder / name, tuple(folder / table.name for table in tables), tuple(folder / f.png for f in figures.values())
     )
 
 
-def _html(page: Page, figures: dict[str, Embedded], made: str) -> str:
+def _html(page: Page, figures: dict[str, Embedded], footer: str) -> str:
     environment = Environment(
         loader=PackageLoader("gliderhpc.report.page"),
         autoescape=True,
@@ -215,4 +215,4 @@ def _html(page: Page, figures: dict[str, Embedded], made: str) -> str:
     environment.filters["cell"] = cell
     environment.tests["prose"] = is_prose
     environment.globals.update(columns_of=columns_of, shown_rows=shown_rows, left_out=describe_omitted)
-    return environment.get_template("page.html").render(page=page, figures=figures, made=made, version=__version__)
+    return environment.get_template("page.html").render(page=page, figures=figures, footer=footer, version=__version__)

@@ -68,24 +68,24 @@ def _changed_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def study_command(name: str, archive: Archive, place: Location) -> str:
     """Return the command that runs a study, with the options of the archived run if there is one."""
-    made = archive[name].attrs if name in archive.children else {}
+    attributes = archive[name].attrs if name in archive.children else {}
     if name == "validation":
         observations, platform = observations_of(archive.attrs), platform_option(archive)
         return _line("validate", observations, "--platform", platform, "--store", place)
-    options = ["--quick"] if made.get("quick") else []
-    if made.get("estimate") == SMOOTHED:
+    options = ["--quick"] if attributes.get("quick") else []
+    if attributes.get("estimate") == SMOOTHED:
         options += ["--estimate", SMOOTHED]
-    options += list(map(str, made.get("options") or ()))
-    if made.get("with_truth") and "--truth" not in options:  # An archive of an earlier version has no options.
+    options += list(map(str, attributes.get("options") or ()))
+    if attributes.get("with_truth") and "--truth" not in options:  # An archive of an earlier version has no options.
         options += ["--truth", "TRUTH.nc"]
     if name == _MODEL_STUDY:
-        options += [word for label in _models(made) for word in ("--model", label)]
+        options += [word for label in _models(attributes) for word in ("--model", label)]
     return _line("analyze", place, name, *options)
 
 
-def _models(made: Mapping[Any, Any]) -> list[str]:
+def _models(attributes: Mapping[Any, Any]) -> list[str]:
     """Return the files of ocean models used in a study, or a placeholder."""
-    labels = [str(label) for files in dict(made.get("models") or {}).values() for label in files]
+    labels = [str(label) for files in dict(attributes.get("models") or {}).values() for label in files]
     return labels or ["MODEL.nc"]
 
 
@@ -126,9 +126,9 @@ def provenance_section(archive: Archive, place: Location, command: str) -> PageS
         Table("settings", "All settings of the run.", _rows(archive.attrs.get("settings"))),
         Table("platform", "The platform, in the units of its file.", _rows(archive.attrs.get("platform"))),
     ]
-    made = list(_study_rows(archive, studies))
-    if made:
-        blocks.append(Table("study_settings", "Settings of the studies.", made))
+    study_rows = list(_study_rows(archive, studies))
+    if study_rows:
+        blocks.append(Table("study_settings", "Settings of the studies.", study_rows))
     return PageSection("provenance", "Settings, versions, and how to reproduce this", tuple(blocks))
 
 

@@ -266,5 +266,5 @@ def published_section(archive: Archive, with_windows: bool) -> PageSection:
         {"name": name, "subject": subject, "anchor": study, "remark": "" if study in present else missing}
         for name, subject, study in PUBLISHED
     )
-    words = Paragraph("The paper's figures and tables for this mission.")
-    return PageSection("published", "Index of the paper's figures and tables", (words, Index(entries)))
+    introduction = Paragraph("The paper's figures and tables for this mission.")
+    return PageSection("published", "Index of the paper's figures and tables", (introduction, Index(entries)))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gliderhpc.findings.formatting import polar, signed, with_deviation
 from gliderhpc.report.page.content import Block, Facts, Notice, Page, PageSection, Paragraph, Remarks
-from gliderhpc.report.page.rendering import Written, write_page
+from gliderhpc.report.page.rendering import ReportFiles, write_page
 from gliderhpc.surfacing.message import Current, Ellipse, SurfacingMessage
 from gliderhpc.wording import counted
 
@@ -14,7 +14,7 @@ _DETERMINED = 0.7
 _LISTED = 5
 
 
-def write_surfacing_page(message: SurfacingMessage, folder: Path, name: str) -> Written:
+def write_surfacing_page(message: SurfacingMessage, folder: Path, name: str) -> ReportFiles:
     """Write a message as one self-contained HTML page.
 
     Parameters
@@ -59,8 +59,8 @@ def dive_facts(message: SurfacingMessage) -> dict[str, str]:
 
 def hull_blocks(message: SurfacingMessage) -> tuple[Block, ...]:
     """Return changes of the hull, and the differences from the platform file that a pilot can change or correct."""
-    doubt = (Notice(message.hull_warning, "warning"),) if message.hull_warning else ()
-    return (*doubt, *_hull_changes(message), *_trim(message))
+    warning = (Notice(message.hull_warning, "warning"),) if message.hull_warning else ()
+    return (*warning, *_hull_changes(message), *_trim(message))
 
 
 def _ellipse(ellipse: Ellipse, digits: int, unit: str) -> str:
