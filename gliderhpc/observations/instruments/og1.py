@@ -1,6 +1,7 @@
 """Import of OceanGliders OG1 netCDF files into the observation format."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from gliderhpc.observations.checks.validation import profile_spans
 from gliderhpc.observations.files.foreign import ForeignFile, files_of
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
-from gliderhpc.observations.importing.clock_steps import find_clock_steps, without_doubtful
+from gliderhpc.observations.importing.clock_steps import ClockStep, find_clock_steps, without_doubtful
 from gliderhpc.observations.importing.dive_files import (
     FileRecords,
     check_samples,
@@ -25,6 +26,8 @@ from gliderhpc.observations.importing.rows import Columns, increasing
 from gliderhpc.observations.importing.time_order import RowOrder, order_of_rows
 from gliderhpc.observations.importing.workflow import ImportSummary, MissionRecords, import_mission
 from gliderhpc.observations.instruments.og1_dives import (
+    Dives,
+    IntArray,
     dive_numbers,
     drop_contradicting,
     find_dives,
@@ -109,16 +112,7 @@ def import_og1(
 
 def _read_mission(sources: Sequence[Path], declination: float | None, reads: Reads) -> MissionRecords:
     """Read every readable file and join the files to a mission."""
-    rejected: dict[str, str] = {}
-    found: list[Record] = []
-    for path in files_of(sources, _is_netcdf):
-        try:
-            found.append(reads(_read_file, path, declination))
-        except InputError as error:
-            rejected[path.name] = str(error)
-    if not found:
-        raise InputError(next(iter(rejected.values()), f"{sources[0]}: contains no netCDF file"))
-    found.sort(key=lambda record: record.samples["time"][0])
+    found, rejected = _read_records(sources, declination, reads)
     vehicle = _only_vehicle(found)
     names = ", ".join(record.path.name for record in found)
     found = join_overlapping(found)
@@ -151,6 +145,28 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
         clock_steps=steps,
     )
+
+
+def _read_records(
+    sources: Sequence[Path], declination: float | None, reads: Reads
+) -> tuple[list[Record], dict[str, str]]:
+    """Read every readable file, in order of time; also return why the others cannot be used, by name.
+
+    Raises
+    ------
+    InputError
+        None of the files can be used.
+    """
+    rejected: dict[str, str] = {}
+    found: list[Record] = []
+    for path in files_of(sources, _is_netcdf):
+        try:
+            found.append(reads(_read_file, path, declination))
+        except InputError as error:
+            rejected[path.name] = str(error)
+    if not found:
+        raise InputError(next(iter(rejected.values()), f"{sources[0]}: contains no netCDF file"))
+    return sorted(found, key=lambda record: record.samples["time"][0]), rejected
 
 
 def _name(record: Record, number: int) -> str:
@@ -262,7 +278,74 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     doubt = _check_heading(file)
     clock = describe_clock(file, samples["time"].astype("datetime64[ns]"))
     order = _order(file, samples)
-    samples = {name: values[order.rows] for name, values in samples.items()}
+    flight = _flight(file, order, {name: values[order.rows] for name, values in samples.items()})
+    found, time = flight.found, flight.samples["time"].astype("datetime64[ns]")
+    profile = number_samples(found.spans, len(time))
+    _, fixes, lost, remarks = without_doubtful(flight.steps, profile, time, read_gps(file))
+    dives = {number: span for number, span in found.spans.items() if number not in lost}
+    own_remarks = [f"{file.path.name}: {each}" for each in (*order.describe(), doubt, found.remark) if each]
+    return Record(
+        path=file.path,
+        model=file.text("PLATFORM_MODEL") or file.attribute("platform"),
+        vehicle=vehicle.upper(),
+        mission=file.text("TRAJECTORY") or file.attribute("id") or file.path.stem,
+        samples=flight.samples,
+        counter=flight.counter,
+        counted=is_counted(file),
+        dives=dives,
+        solution=read_currents(file, order.rows[flight.rows], list(dives.values()))
+        | read_flight_model(file, len(dives))
+        | read_speeds(file),
+        fixes=fixes,
+        declination=turned,
+        absent=absent,
+        renumbered=bool(found.remark),
+        without_dive=found.without,
+        lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in flight.contradicting.items()},
+        rows_dropped=flight.rows_dropped,
+        remarks=(*rejected, *limited, *clock, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Flight:
+    """Flight of a file: its ``n`` samples with attitude in order of time, and the dives found in them.
+
+    Attributes
+    ----------
+    rows : (n,) array
+        Rows of the samples, in the order of the rows.
+    samples : Columns
+        The samples.
+    counter : (n,) array
+        The file's own dive number at each sample.
+    found : Dives
+        Dives, by number.
+    contradicting : dict of int to str
+        Dives left out because their times contradict others, with the reason.
+    steps : list of ClockStep
+        Steps of the clock.
+    rows_dropped : int
+        Number of rows with attitude that are not in order of time.
+    """
+
+    rows: IntArray
+    samples: Columns
+    counter: IntArray
+    found: Dives
+    contradicting: dict[int, str]
+    steps: list[ClockStep]
+    rows_dropped: int
+
+
+def _flight(file: ForeignFile, order: RowOrder, samples: Columns) -> _Flight:
+    """Select the flight from the ordered rows of a file, and find its dives.
+
+    Raises
+    ------
+    InputError
+        No sample has both time and attitude.
+    """
     depth = floats(samples["depth"])
     numbers = dive_numbers(file, order.rows, samples["time"].astype("datetime64[ns]"), depth)
     rows = np.flatnonzero(is_flight(samples))
@@ -272,34 +355,11 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     ordered = rows[in_order]
     if len(ordered) == 0:
         raise InputError(f"{file.path}: has no sample with both time and attitude")
-    samples = chosen_samples(samples, ordered)
+    chosen = chosen_samples(samples, ordered)
     own, contradicting = drop_contradicting(numbers[rows], time, depth[rows], in_order)
     found = find_dives(own[in_order], time[in_order], depth[ordered], is_whole=not contradicting)
-    profile = number_samples(found.spans, len(ordered))
-    _, fixes, lost, remarks = without_doubtful(steps, profile, time[in_order], read_gps(file))
-    dives = {number: span for number, span in found.spans.items() if number not in lost}
-    own_remarks = [f"{file.path.name}: {each}" for each in (*order.describe(), doubt, found.remark) if each]
-    return Record(
-        path=file.path,
-        model=file.text("PLATFORM_MODEL") or file.attribute("platform"),
-        vehicle=vehicle.upper(),
-        mission=file.text("TRAJECTORY") or file.attribute("id") or file.path.stem,
-        samples=samples,
-        counter=own[in_order],
-        counted=is_counted(file),
-        dives=dives,
-        solution=read_currents(file, order.rows[ordered], list(dives.values()))
-        | read_flight_model(file, len(dives))
-        | read_speeds(file),
-        fixes=fixes,
-        declination=turned,
-        absent=absent,
-        renumbered=bool(found.remark),
-        without_dive=found.without,
-        lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in contradicting.items()},
-        rows_dropped=int(np.count_nonzero(~in_order)),
-        remarks=(*rejected, *limited, *clock, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
-    )
+    dropped = int(np.count_nonzero(~in_order))
+    return _Flight(ordered, chosen, own[in_order], found, contradicting, steps, dropped)
 
 
 def _order(file: ForeignFile, samples: Columns) -> RowOrder:

@@ -128,17 +128,8 @@ def import_seaglider(
 def _read_mission(sources: Sequence[Path], declination: float | None, reads: Reads) -> MissionRecords:
     """Read every readable dive; positions refer to the centres in the first file that has them."""
     glider, files = find_files(sources)
-    found: dict[int, _DiveFile] = {}
-    without: dict[str, str] = {}
-    rejected: dict[str, str] = {}
     centres = _reference_centres(files.values(), reads)
-    for number, path in files.items():
-        try:
-            found[number] = reads(_read_file, path, number, centres)
-        except ProfileError as error:
-            without[f"dive {number}"] = str(error)
-        except InputError as error:
-            rejected[f"dive {number}"] = str(error)
+    found, without, rejected = _read_dives(files, centres, reads)
     declination_remarks = _complete_declinations(found, declination)
     for number, why in contradicting_dives([dive.records for dive in found.values()]).items():
         rejected[f"dive {number}"] = f"{files[number]}: {why} (time)"
@@ -174,6 +165,23 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         ),
         clock_steps=steps,
     )
+
+
+def _read_dives(
+    files: Mapping[int, Path], centres: Centres, reads: Reads
+) -> tuple[dict[int, "_DiveFile"], dict[str, str], dict[str, str]]:
+    """Read every dive; also return why some have no profile, and why some files cannot be used."""
+    found: dict[int, _DiveFile] = {}
+    without: dict[str, str] = {}
+    rejected: dict[str, str] = {}
+    for number, path in files.items():
+        try:
+            found[number] = reads(_read_file, path, number, centres)
+        except ProfileError as error:
+            without[f"dive {number}"] = str(error)
+        except InputError as error:
+            rejected[f"dive {number}"] = str(error)
+    return found, without, rejected
 
 
 @dataclass(frozen=True, eq=False)
