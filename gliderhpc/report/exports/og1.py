@@ -11,18 +11,15 @@ from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED, done_profiles, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.observations.files.appended import AppendedFile, Column
-from gliderhpc.observations.files.discovery import CONVENTIONS, MEASUREMENT, content_type
+from gliderhpc.observations.files.appended import AppendedFile
+from gliderhpc.observations.files.discovery import CONVENTIONS
 from gliderhpc.report.exports import check_export_path, unfit_profiles
 from gliderhpc.report.exports import og1_dives as dives
-from gliderhpc.report.exports.og1_community import COMMUNITY_TERMS, VOCABULARY, community_rows
+from gliderhpc.report.exports.og1_forms import FULL, STRICT, Og1Form
 from gliderhpc.report.exports.og1_metadata import Extent, describe_file
-from gliderhpc.report.exports.og1_rows import Counter, Rows, ground_track, names_of, profile_rows
-from gliderhpc.report.exports.og1_vocabulary import AXIS, MEASURED_TERMS, TERMS, Og1Term
+from gliderhpc.report.exports.og1_rows import Counter, ground_track, profile_rows
 from gliderhpc.studies.archived import platform_of
 from gliderhpc.studies.vertical import NAME as VERTICAL
-
-_COORDINATES = frozenset({"TIME", "LATITUDE", "LONGITUDE", "DEPTH", "TIME_GPS", "LATITUDE_GPS", "LONGITUDE_GPS"})
 
 
 @dataclass
@@ -93,7 +90,7 @@ def export_og1(
         numbers = sorted(done_profiles(tree), key=lambda number: starts.sel(profile=number).values)
         if not numbers:
             raise InputError(f"{archive}: no profile of the archive is done, so there is nothing to export")
-        _export(tree, numbers, described, summary, community=community, overwrite=overwrite)
+        _export(tree, numbers, described, summary, STRICT if community else FULL, overwrite=overwrite)
     return summary
 
 
@@ -102,8 +99,8 @@ def _export(
     numbers: list[int],
     described: Mapping[str, str],
     summary: ExportSummary,
+    form: Og1Form,
     *,
-    community: bool,
     overwrite: bool,
 ) -> None:
     platform, counter, extent = platform_of(tree), Counter(), Extent()
@@ -114,12 +111,8 @@ def _export(
             smoothed, vertical = (_row(tree, group, number) for group in (SMOOTHED, VERTICAL))
             rows = profile_rows(data, smoothed, vertical, ground_track(tree, data, platform), counter)
             if not summary.rows:
-                summary.unknown = describe_file(file, tree, platform.name, rows, described, community=community)
-            if community:
-                strict = community_rows(rows)
-                file.append({name: _column(term, strict) for name, term in COMMUNITY_TERMS.items()})
-            else:
-                file.append({name: _column(TERMS[name], rows) for name in names_of(rows)} | dives.dive_columns(data))
+                summary.unknown = describe_file(file, tree, platform.name, rows, described, form)
+            file.append(form.columns(data, rows))
             extent.update(rows)
             summary.profiles.append(number)
             summary.rows += len(rows["TIME"])
@@ -129,22 +122,3 @@ def _export(
 
 def _row(tree: Archive, group: str, number: int) -> xr.Dataset | None:
     return tree[group].to_dataset().sel(profile=number).load() if group in tree.children else None
-
-
-def _column(term: Og1Term, rows: Rows) -> Column:
-    name, values = term.name, rows[term.name]
-    if term.fill is not None:
-        values = np.where(np.isfinite(values.astype(np.float64)), values, term.fill)
-    measured = name in MEASURED_TERMS
-    further = {"coverage_content_type": MEASUREMENT if measured else content_type(name, coordinates=_COORDINATES)}
-    if name in VOCABULARY:
-        further["vocabulary"] = VOCABULARY[name]
-    ancillary = [f"{name}{suffix}" for suffix in ("_QC", "_STD") if f"{name}{suffix}" in rows]
-    if ancillary:
-        further["ancillary_variables"] = " ".join(ancillary)
-    # Flag values have the number type of their variable (CF 3.5).
-    attributes = {
-        key: np.array(value, dtype=term.dtype) if isinstance(value, list) else value
-        for key, value in {**term.attributes, **further}.items()
-    }
-    return Column((AXIS,), values, attributes, fill=term.fill)

@@ -103,11 +103,3 @@ def _after_the_dive(current: NDArray[np.generic], fixed: NDArray[np.bool_]) -> N
     values = np.full(len(current), np.nan)
     values[last] = current[last]
     return values
-
-
-def described_attributes(described: Mapping[str, str]) -> dict[str, str]:
-    """Return the operator's global attributes for a strict file: those in lower case.
-
-    The only others in OG1 are ``Conventions`` and ``featureType``, which the export itself sets.
-    """
-    return {name: text for name, text in described.items() if name.islower()}

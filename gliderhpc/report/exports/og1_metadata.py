@@ -1,7 +1,6 @@
 """Global attributes and single-valued variables of an OG1 file: platform, deployment, people, origin."""
 
 import datetime
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,29 +11,12 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.observations.files.appended import AppendedFile, Column
 from gliderhpc.observations.files.discovery import SHARED_ATTRIBUTES
 from gliderhpc.observations.regions import bounding_polygon, longitude_range
-from gliderhpc.report.exports.og1_community import described_attributes
+from gliderhpc.report.exports.og1_forms import Og1Form
 from gliderhpc.report.exports.og1_rows import Rows
 from gliderhpc.report.exports.og1_vocabulary import REQUIRED, SINGLE
 from gliderhpc.version import __version__
 
 UNKNOWN = "unknown"
-
-_SUMMARY = (
-    "Records of an underwater glider, and estimates from them by its flight model: forces and moments of the water, "
-    "motion, speed through the water, currents averaged over the dives, and positions under water"
-)
-_STRICT_SUMMARY = (
-    "Attitude and depth of an underwater glider, positions under water by dead reckoning, and currents averaged over "
-    "the dives, by a flight model"
-)
-_COMMENT = (
-    "Forces, moments, motion and currents from attitude, depth and actuators. ADJOINT: windowed adjoint inversion, "
-    "the primary estimate; SMOOTHED: fixed-interval smoother, or the filter's estimate, without standard deviations, "
-    "where the smoother has none. HEADING is true."
-)
-_STRICT_COMMENT = (
-    "Positions and currents from attitude, depth, actuators and GPS fixes by a flight model. HEADING is true."
-)
 
 
 @dataclass
@@ -77,7 +59,7 @@ class Extent:
 
 
 def describe_file(
-    file: AppendedFile, tree: Archive, hull: str, rows: Rows, described: Mapping[str, str], *, community: bool
+    file: AppendedFile, tree: Archive, hull: str, rows: Rows, described: Mapping[str, str], form: Og1Form
 ) -> tuple[str, ...]:
     """Write the global attributes and the single-valued variables, and return the names of the unknown ones.
 
@@ -93,18 +75,17 @@ def describe_file(
         Rows of the first profile.
     described : mapping of str to str
         Attributes and texts from the operator.
-    community : bool
-        True for a strict file.
+    form : Og1Form
+        Full or strict form of the file.
     """
     start = _stamp(float(rows["TIME"][0]))
     texts = _texts(tree, hull, start, described)
     _write_single(file, texts, rows, described)
-    attributes = _global_attributes(tree, texts["TRAJECTORY"], start, community=community)
-    described_texts = described_attributes(described) if community else dict(described)
-    attributes |= {name: text for name, text in described_texts.items() if name not in _OF_VARIABLES}
+    attributes = _global_attributes(tree, texts["TRAJECTORY"], start, form)
+    attributes |= {name: text for name, text in form.described(described).items() if name not in _OF_VARIABLES}
     file.describe(attributes)
-    lacking = [name for name in REQUIRED if name not in attributes]
-    return (*lacking, *(name for name, value in texts.items() if value == UNKNOWN))
+    missing = [name for name in REQUIRED if name not in attributes]
+    return (*missing, *(name for name, value in texts.items() if value == UNKNOWN))
 
 
 _OF_VARIABLES = frozenset({*SINGLE, *(f"{name.lower()}_vocabulary" for name in SINGLE)})
@@ -133,12 +114,8 @@ def _write_single(file: AppendedFile, texts: Mapping[str, str], rows: Rows, desc
     file.append(columns)
 
 
-def _global_attributes(tree: Archive, trajectory: str, start: str, *, community: bool) -> dict[str, Any]:
+def _global_attributes(tree: Archive, trajectory: str, start: str, form: Og1Form) -> dict[str, Any]:
     known = tree.attrs
-    settings = {
-        "gliderhpc_platform": json.dumps(known.get("platform", {})),
-        "gliderhpc_settings": json.dumps(known.get("settings", {})),
-    }
     return {
         "title": "OceanGliders trajectory file",
         "platform": "sub-surface gliders",
@@ -147,7 +124,7 @@ def _global_attributes(tree: Archive, trajectory: str, start: str, *, community:
         "internal_mission_identifier": str(known.get("mission") or UNKNOWN),
         "start_date": start,
         "date_created": datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%S"),
-        "summary": _STRICT_SUMMARY if community else _SUMMARY,
+        "summary": form.summary,
         **SHARED_ATTRIBUTES,
         "geospatial_vertical_positive": "down",
         "geospatial_bounds_crs": "EPSG:4326",
@@ -158,8 +135,9 @@ def _global_attributes(tree: Archive, trajectory: str, start: str, *, community:
         "source": f"gliderhpc {known.get('software_version', UNKNOWN)} on {known.get('observations', UNKNOWN)}, sha256 "
         f"{known.get('observations_digest', UNKNOWN)}",
         "history": f"exported by gliderhpc {__version__}",
-        "comment": _STRICT_COMMENT if community else _COMMENT,
-    } | ({} if community else settings)
+        "comment": form.comment,
+        **form.settings(tree),
+    }
 
 
 def _deployment(rows: Rows) -> tuple[float, float, float]:
