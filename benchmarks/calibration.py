@@ -14,7 +14,7 @@ from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
 from gliderhpc.calibration.glides_text import SCORES, figures, interval_text, remark_of
-from gliderhpc.calibration.workflow import chosen_profiles, split_segments
+from gliderhpc.calibration.workflow import profiles_to_read, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.findings import markdown
@@ -173,7 +173,7 @@ def real(label: str) -> list[str]:
     path, _, hull = rest.rpartition(":")
     platform = load_platform(hull)
     with open_observations(path) as opened:
-        taken, _ = chosen_profiles(opened, None, None, SETTINGS)
+        taken, _ = profiles_to_read(opened, None, None, SETTINGS)
         parts = split_segments(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
     platform, *parts = choose_buoyancy(platform, *parts, SETTINGS.seawater)
     found = calibrate(platform, *parts, SETTINGS.calibration)

@@ -79,7 +79,7 @@ def calibrate_open(
 def _read_segments(inputs: CalibrationInputs) -> tuple[Platform, SteadySegments, SteadySegments]:
     """Return the platform with the buoyancy that the segments allow, and the fitted and the held-out segments."""
     observations, settings = inputs.observations, inputs.settings
-    chosen, named = chosen_profiles(observations, inputs.profiles, inputs.hold_out, settings)
+    chosen, named = profiles_to_read(observations, inputs.profiles, inputs.hold_out, settings)
     every = steady_segments(observations, inputs.platform, chosen, settings, settings.steady, allow_flatter=True)
     platform, segments, held_out = choose_buoyancy(
         inputs.platform, *split_segments(every, named), settings.seawater, log.info
@@ -179,7 +179,7 @@ def _before_rounds(
     return base, start if base is platform else fit_trim(base, segments, settings.calibration, log.info)
 
 
-def chosen_profiles(
+def profiles_to_read(
     observations: Observations, profiles: str | None, hold_out: str | None, settings: CalibrateSettings
 ) -> tuple[list[int], list[int] | None]:
     """Return the profiles to read, and those of them to hold out for the score (None if none are named)."""

@@ -14,16 +14,16 @@ from gliderhpc.cli.messages import with_options
 PACKAGE = Path(gliderhpc.__file__).parent
 
 COMMAND_LINES = (
+    "calibration/dives_text.py",
+    "calibration/glides_text.py",
+    "calibration/prior_text.py",
     "cli",
     "kernels/fortran/build.py",
-    "calibration/glides_text.py",
-    "calibration/dives_text.py",
     "report/page/fleet.py",
     "report/page/mission_page.py",
     "report/page/overview.py",
     "report/page/reproduction.py",
-    "report/page/studies.py",
-    "calibration/prior_text.py",
+    "report/page/study_sections.py",
     "store_schema/commits.py",
     "studies/request.py",
     "twins/estimators/page.py",

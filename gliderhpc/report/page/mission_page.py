@@ -17,7 +17,7 @@ from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.profile_page import profile_page, representative_section
 from gliderhpc.report.page.rendering import ReportFiles, write_page
 from gliderhpc.report.page.reproduction import PLATFORM_FILE, platform_option, provenance_section
-from gliderhpc.report.page.studies import published_section, study_names, study_section, windows_section
+from gliderhpc.report.page.study_sections import published_section, study_names, study_section, windows_section
 from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import platform_or_none
 from gliderhpc.version import __version__

@@ -145,15 +145,14 @@ def windows_figure(data: ProfileData, windows: pd.DataFrame) -> Figure:
     for axes, (name, title) in zip(drawn, names.items(), strict=True):
         _draw(axes, windows, name)
         label(axes, title, y="1")
-    for axes in drawn[1:]:
-        axes.set_yscale("symlog" if not _is_positive(windows, axes is drawn[1]) else "log")
+    for axes, name in zip(drawn[1:], ("cost", "gradient_norm"), strict=True):
+        axes.set_yscale("log" if _is_positive(windows[name]) else "symlog")
     drawn[-1].set_xlabel("minutes since the profile's first sample")
     legend(drawn[0])
     return figure
 
 
-def _is_positive(windows: pd.DataFrame, cost: bool) -> bool:
-    values = windows["cost" if cost else "gradient_norm"]
+def _is_positive(values: pd.Series[float]) -> bool:
     known = values[np.isfinite(values)]
     return bool(known.size and (known > 0.0).all())
 
