@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import SHADE, SMALL, footnote, label, new_figure, style_axes
-from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
-from gliderhpc.report.maps import CIRCLE, covariance_factors
+from gliderhpc.report.maps import CIRCLE, covariance_factors, dive_midpoints
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
@@ -66,9 +65,7 @@ def currents_map(table: xr.Dataset) -> Figure:
 
 def _middles(rows: xr.Dataset) -> Array:
     """Return longitude and latitude ``(n, 2)`` midway between the fixes of each dive, the longitudes near the first."""
-    names = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
-    ends = zip(*(rows[name].values.tolist() for name in names), strict=True)
-    places = np.array([midpoint((a, b), (c, d)) for a, b, c, d in ends])[:, ::-1]
+    places = dive_midpoints(rows)[:, ::-1]
     places[:, 0] = wrapped_longitude(places[:, 0], float(places[0, 0]))
     return places
 

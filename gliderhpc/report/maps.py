@@ -1,4 +1,4 @@
-"""Elements of maps: frame, arrows of currents with a scale, and error ellipses."""
+"""Elements of maps: positions of the dives, frame, arrows of currents with a scale, and error ellipses."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.findings.drawing import FILTER, SMALL
+from gliderhpc.observations.fixes import midpoint
 from gliderhpc.studies.library.scores import covariance_matrix
 
 if TYPE_CHECKING:
@@ -29,6 +31,19 @@ _MIN_EXTENT = 2000.0
 
 _ASPECT_RATIO, _MARGIN_FACTOR = 1.3, 1.12
 """Width over height of the map, and size of the map relative to its content."""
+
+
+def dive_midpoints(table: xr.Dataset) -> Array:
+    """Return latitude and longitude ``(n, 2)`` midway between the fixes of each dive on the WGS84 ellipsoid, degrees.
+
+    Parameters
+    ----------
+    table : xarray.Dataset
+        Rows of an archive's table.
+    """
+    names = ("entry_latitude", "entry_longitude", "exit_latitude", "exit_longitude")
+    ends = zip(*(table[name].values.tolist() for name in names), strict=True)
+    return np.array([midpoint((a, b), (c, d)) for a, b, c, d in ends])
 
 
 def map_extent(points: Array, shrink: float) -> float:

@@ -20,10 +20,10 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentErrors, current_uncertainty
 from gliderhpc.observations.files.discovery import CONVENTIONS, discovery_attributes, with_content_types
-from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.times import epoch_seconds
 from gliderhpc.output_files import output_file
 from gliderhpc.report.exports import check_export_path, unfit_profiles
+from gliderhpc.report.maps import dive_midpoints
 from gliderhpc.store_schema.location import Location
 from gliderhpc.studies.archived import outdated_because, platform_of, settings_of
 from gliderhpc.studies.library.tracks import CURRENTS as STUDY
@@ -134,7 +134,7 @@ _OF_CURRENT = (
 
 def _content(table: xr.Dataset, study: xr.Dataset) -> xr.Dataset:
     bounds = np.column_stack([epoch_seconds(table["entry_time"].values), epoch_seconds(table["exit_time"].values)])
-    latitude, longitude = _middles(table)
+    latitude, longitude = dive_midpoints(table).T
     content = xr.Dataset(
         {
             "time_bounds": (("profile", "bounds"), bounds),
@@ -286,16 +286,6 @@ def _attributes(tree: Archive, study: xr.Dataset, content: xr.Dataset) -> dict[s
         "comment": "u and v are the mean velocity over the ground, from fix to fix, of the water that the glider flew "
         f"through. {counted(content.sizes['profile'], 'dive')}.{doubt}",
     }
-
-
-def _middles(table: xr.Dataset) -> tuple[Array, Array]:
-    """Return latitude and longitude ``(n,)`` (degrees) midway between entry and exit fix on the WGS84 ellipsoid."""
-    entry, last = (
-        zip(*(table[f"{end}_{axis}"].values.tolist() for axis in ("latitude", "longitude")), strict=True)
-        for end in ("entry", "exit")
-    )
-    latitude, longitude = np.array([midpoint(*ends) for ends in zip(entry, last, strict=True)]).T
-    return latitude, longitude
 
 
 _NEVER_MISSING = ("time", "latitude", "longitude", "depth", "time_bounds", "depth_bounds")
