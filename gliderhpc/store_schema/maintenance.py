@@ -5,20 +5,35 @@ Repair rewrites metadata only; the chunks are verified by their digests.
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import zarr
+from zarr.core.buffer import default_buffer_prototype
+from zarr.storage import StorePath
 
 from gliderhpc.errors import InputError
 from gliderhpc.store_schema.check import variable_differences
-from gliderhpc.store_schema.commits import UNREADABLE, array_at, label_of, readable_arrays
+from gliderhpc.store_schema.commits import UNREADABLE, label_of, readable_arrays
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_variable, mission_sizes
-from gliderhpc.store_schema.location import Location, group_at, is_archive, is_empty, root_metadata, store_at, wait_for
+from gliderhpc.store_schema.location import (
+    ROOT,
+    Location,
+    group_at,
+    is_archive,
+    is_empty,
+    root_metadata,
+    store_at,
+    stored_bytes,
+    wait_for,
+    wait_for_all,
+)
 from gliderhpc.store_schema.rows import read_profiles
 from gliderhpc.store_schema.schema import (
     COMMITS,
@@ -107,44 +122,66 @@ def _grow_study(
 
 
 def _grow_group(node: zarr.Group, group: Group, sizes: Mapping[str, int], profiles: Sequence[int]) -> None:
-    """Grow a group's arrays, its profiles' numbers last."""
-    for variable in reversed(group.variables):
-        array = array_at(node, variable.name)
-        shape = tuple(sizes.get(dim, size) for dim, size in zip(variable.dims, array.shape, strict=True))
-        if shape == array.shape:
-            continue
-        if variable.is_row or (group.name == COMMITS and variable.name != PROFILE):
-            array.resize(shape)
-        else:
-            _replace(node, group, variable, array, shape, profiles)
+    """Grow a group's arrays, its coordinates after the others, and its profiles' numbers last."""
+    arrays = [_Growth(node.store_path / each.name, group, each, sizes, profiles) for each in group.variables]
+    wait_for_all(array.grow() for array in arrays if not array.is_coordinate)
+    for array in reversed(arrays):
+        if array.is_coordinate:
+            wait_for(array.grow())
 
 
-def _replace(
-    node: zarr.Group,
-    group: Group,
-    variable: ArchiveVariable,
-    array: zarr.Array[Any],
-    shape: tuple[int, ...],
-    profiles: Sequence[int],
-) -> None:
-    """Replace an array of one chunk by a larger one with its values."""
-    if variable.name == PROFILE:
-        values = np.array(profiles)
-    elif variable.dims == (variable.name,):
-        values = np.arange(shape[0])
-    else:
-        values = np.full(shape, variable.fill_value, dtype=array.dtype)
-        values[tuple(slice(size) for size in array.shape)] = _values_of(array)
-    del node[variable.name]
-    create_variable(node, group, variable, shape)[:] = values
+@dataclass(frozen=True)
+class _Growth:
+    """Growth of an array: its metadata is written again and, if it is one chunk, its values.
 
+    Creating the arrays again, or having zarr change their shapes, takes five times as long.
+    """
 
-def _values_of(array: zarr.Array[Any]) -> Any:
-    """Read an array, or return its fill value if it is damaged; a mission's table is rewritten from the commits."""
-    try:
-        return np.asarray(array[:])
-    except UNREADABLE:
-        return array.fill_value
+    place: StorePath
+    group: Group
+    variable: ArchiveVariable
+    sizes: Mapping[str, int]
+    profiles: Sequence[int]
+
+    @property
+    def is_coordinate(self) -> bool:
+        return self.variable.dims == (self.variable.name,)
+
+    async def grow(self) -> None:
+        content = await stored_bytes(self.place.store, self._key)
+        if content is None:
+            raise KeyError(self.place.path)
+        metadata = json.loads(content)
+        before = tuple(metadata["shape"])
+        shape = tuple(self.sizes.get(dim, size) for dim, size in zip(self.variable.dims, before, strict=True))
+        if shape == before:
+            return
+        stored, metadata["shape"] = dict(metadata), list(shape)
+        if self.variable.is_row or (self.group.name == COMMITS and self.variable.name != PROFILE):
+            await self._write(metadata)
+            return
+        values = await self._values(zarr.AsyncArray.from_dict(self.place, stored), shape)
+        one_chunk = {"chunk_shape": list(chunks(self.group, self.variable, shape))}
+        metadata["chunk_grid"] = metadata["chunk_grid"] | {"configuration": one_chunk}
+        await self._write(metadata)
+        await zarr.AsyncArray.from_dict(self.place, metadata).setitem(..., values)
+
+    @property
+    def _key(self) -> str:
+        return f"{self.place.path}/{ROOT}"
+
+    async def _write(self, metadata: Mapping[str, Any]) -> None:
+        text = json.dumps(metadata, indent=zarr.config.get("json_indent"))
+        await self.place.store.set(self._key, default_buffer_prototype().buffer.from_bytes(text.encode()))
+
+    async def _values(self, array: zarr.AsyncArray[Any], shape: tuple[int, ...]) -> Any:
+        """Return the values of the grown array: those before, or fill values where they are damaged."""
+        if self.is_coordinate:
+            return np.array(self.profiles) if self.variable.name == PROFILE else np.arange(shape[0])
+        values = np.full(shape, self.variable.fill_value, dtype=array.dtype)
+        with suppress(*UNREADABLE):  # A mission's table is rewritten from the commits.
+            values[tuple(map(slice, array.shape))] = await array.getitem(...)
+        return values
 
 
 Arrays = dict[str, zarr.Array[Any]]

@@ -31,6 +31,7 @@ from gliderhpc.store_schema import (
 )
 from gliderhpc.store_schema.codecs import check_text_count
 from gliderhpc.store_schema.commits import writable_arrays, write_values
+from gliderhpc.store_schema.maintenance import grow_archive
 from gliderhpc.store_schema.schema import ArchiveVariable, Group, check_manifests
 from gliderhpc.vocabulary import CHANNELS
 
@@ -263,6 +264,25 @@ def test_markers(archive):
     assert committed_rows(archive) == {2: {"status": "done", "window_count": 3}, 0: {}}
     clear_marker(archive, 2)
     assert committed_rows(archive) == {0: {}}
+
+
+def test_a_grown_archive_has_the_metadata_of_one_created_with_all_profiles(archive, tmp_path):
+    create_archive(tmp_path / "larger.zarr", [*PROFILES, 70, 71], SIZES, ATTRIBUTES)
+    grow_archive(archive, [*PROFILES, 70, 71], SIZES)
+    grown, larger = (
+        {file.relative_to(place): file.read_bytes() for file in place.rglob("*") if file.is_file()}
+        for place in (archive, tmp_path / "larger.zarr")
+    )
+    assert grown == larger
+
+
+def test_a_grown_table_keeps_its_values_unless_they_are_damaged(archive):
+    write_table_rows(archive, {0: {"duration": 600.0, "max_depth": 90.0}})
+    (archive / "max_depth" / "c.0").write_bytes(b"damaged")
+    grow_archive(archive, [*PROFILES, 70], SIZES)
+    root = zarr.open_group(archive, mode="r")
+    np.testing.assert_array_equal(root["duration"][:], [600.0, *[np.nan] * 4])
+    assert np.isnan(root["max_depth"][:]).all()
 
 
 def test_rows_that_do_not_fit_are_refused(archive):
