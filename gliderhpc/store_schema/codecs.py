@@ -24,8 +24,7 @@ _LENGTH_BYTES = 4
 class _OneByOne(BaseCodec[Any, Any]):
     """Coding of chunks one after the other.
 
-    Zarr starts a task for every chunk and codec, which takes as long as the coding of a row of an archive. It hands
-    over one chunk at a time unless its setting ``codec_pipeline.batch_size`` says otherwise.
+    Zarr starts a task for every chunk and codec, which takes as long as the coding of a row of an archive.
     """
 
     async def decode(self, chunks_and_specs: Iterable[tuple[Any, Any]]) -> list[Any]:
@@ -101,3 +100,6 @@ _CODECS: dict[str, type] = {
 for _name, _codec in _CODECS.items():
     register_codec(_name, _codec)
     zarr.config.set({f"codecs.{_name}": f"{_codec.__module__}.{_codec.__qualname__}"})
+# One by one, chunks as small as the commit markers take half as long again. More are not in memory together than are
+# read at once anyway.
+zarr.config.set({"codec_pipeline.batch_size": zarr.config.get("async.concurrency")})

@@ -15,7 +15,7 @@ from zarr.core.buffer import Buffer, BufferPrototype, default_buffer_prototype
 from zarr.storage import WrapperStore
 
 from gliderhpc.errors import InputError, first_line
-from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, parsed_commit, row_names
+from gliderhpc.store_schema.commits import BY_RESUME, UNREADABLE, AsyncArray, parsed_commit, row_names
 from gliderhpc.store_schema.digests import Digests, digest_of
 from gliderhpc.store_schema.schema import COMMITS, COMPLETE, DIGESTS, MANIFEST, MISSION, PROFILE, STUDIES
 
@@ -46,6 +46,7 @@ class VerifiedStore(WrapperStore[Store]):
         self._location = location
         self._manifests: dict[tuple[str | None, int], Digests | None] = {}
         self._tables: dict[str, Digests] = {}
+        self._arrays: dict[str, AsyncArray] = {}
 
     def _with_store(self, store: Store) -> VerifiedStore:
         return VerifiedStore(store, self._location)
@@ -122,8 +123,9 @@ class VerifiedStore(WrapperStore[Store]):
         return self._tables[study]
 
     async def _text(self, name: str, index: int) -> str:
-        array = await zarr_async.open_array(store=self._store, path=name, mode="r")
-        return str(np.asarray(await array.getitem(slice(index, index + 1)))[0])
+        if name not in self._arrays:
+            self._arrays[name] = await zarr_async.open_array(store=self._store, path=name, mode="r")
+        return str(np.asarray(await self._arrays[name].getitem(slice(index, index + 1)))[0])
 
     async def _message(self, index: int, variable: str, digest: str | None) -> str:
         study = _ROWS[variable]
