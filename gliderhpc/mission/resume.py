@@ -23,7 +23,7 @@ from gliderhpc.store_schema import (
     write_coordinates,
     write_mission_table,
 )
-from gliderhpc.store_schema.commits import Commit, damages
+from gliderhpc.store_schema.commits import Commit, Marker, damages, read_markers
 from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.deep_check import Fault, as_lines, damaged_studies
 from gliderhpc.store_schema.location import Location, remove_partial_files
@@ -92,20 +92,27 @@ def check_profiles(
     inputs : mapping of int to mapping of str to str
         Digests of each profile's inputs, by position; profiles without an entry are not valid.
     check_last : int, optional
-        Number of profiles at the end whose chunks are checked; by default all, which takes longer.
+        Number of profiles at the end whose chunks and manifests are checked; by default all, which takes longer.
     """
     first_checked = 0 if check_last is None else len(numbers) - check_last
-    commits = read_commits(location)
-    reasons = {index: _describe_reason(commits.get(index), inputs.get(index)) for index in range(len(numbers))}
+    unchecked = {
+        index: marker.row
+        for index, marker in (read_markers(location) if first_checked > 0 else {}).items()
+        if index < first_checked and _describe_reason(marker, inputs.get(index)) is None
+    }
+    positions = [index for index in range(len(numbers)) if index not in unchecked]
+    commits = read_commits(location, positions)
+    reasons = {index: _describe_reason(commits.get(index), inputs.get(index)) for index in positions}
     outstanding = {index: reason for index, reason in reasons.items() if reason is not None}
     candidates = {
         index: commit
         for index, reason in reasons.items()
         if reason is None and isinstance(commit := commits[index], Commit)
     }
-    damaged = damages(location, {index: commit for index, commit in candidates.items() if index >= first_checked})
+    damaged = damages(location, candidates)
     outstanding |= {damage.profile_index: DAMAGED for damage in damaged}
-    valid = {index: dict(commit.row) for index, commit in candidates.items() if index not in outstanding}
+    valid = {index: dict(row) for index, row in unchecked.items()}
+    valid |= {index: dict(commit.row) for index, commit in candidates.items() if index not in outstanding}
     faults = [
         Fault(f"profile {numbers[damage.profile_index]}", damage.variable, damage.what, "it will be recomputed")
         for damage in damaged
@@ -120,7 +127,7 @@ def check_profiles(
     return Validity(valid, dict(sorted(outstanding.items())), tuple(as_lines(faults)), amendable)
 
 
-def _describe_reason(commit: Commit | str | None, inputs: Mapping[str, str] | None) -> str | None:
+def _describe_reason(commit: Commit | Marker | str | None, inputs: Mapping[str, str] | None) -> str | None:
     """Describe why a profile is not valid, or return None if it is; damaged chunks are not considered."""
     if commit is None or inputs is None:
         return MISSING

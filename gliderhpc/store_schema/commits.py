@@ -11,6 +11,7 @@ import asyncio
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import islice, product
 from typing import Any
 
@@ -123,36 +124,62 @@ def as_texts(
 def read_commits(location: Location, positions: Iterable[int] | None = None) -> dict[int, Commit | str]:
     """Read the commits of all or some profiles, by position along the profile dimension.
 
-    Profiles without a marker are left out; a damaged marker or manifest yields a string that describes the damage.
+    Profiles without a marker, or beyond the end of the archive, are left out; a damaged marker or manifest yields a
+    string that describes the damage.
     """
     root = group_at(location)
     markers, manifests = (array_at(root, f"{COMMITS}/{name}") for name in ("marker", "manifest"))
-    if positions is None:
-        commits = _all_commits(markers, manifests)
-    else:
-        commits = {index: _commit(markers, manifests, index) for index in positions}
+    count = markers.shape[0]
+    wanted = [index for index in (range(count) if positions is None else positions) if index < count]
+    commits = _commits(markers, manifests, wanted)
     return {index: commit for index, commit in commits.items() if commit is not None}
 
 
-def _all_commits(markers: zarr.Array[Any], manifests: zarr.Array[Any]) -> dict[int, Commit | str | None]:
-    """Read all commits at once, which is much faster than one by one; read them one by one if a text is damaged."""
+def _commits(
+    markers: zarr.Array[Any], manifests: zarr.Array[Any], positions: list[int]
+) -> dict[int, Commit | str | None]:
+    """Read commits at once, which is much faster than one by one; read them one by one if a text is damaged."""
     try:
-        texts = list(zip(np.asarray(markers[:]), np.asarray(manifests[:]), strict=True))
-        return {index: parsed_commit(str(marker), str(text)) for index, (marker, text) in enumerate(texts)}
+        texts = zip(_texts_at(markers, positions), _texts_at(manifests, positions), strict=True)
+        return {index: parsed_commit(*both) for index, both in zip(positions, texts, strict=True)}
     except UNREADABLE:
-        return {index: _commit(markers, manifests, index) for index in range(markers.shape[0])}
+        return {index: _commit(markers, manifests, index) for index in positions}
+
+
+def _texts_at(array: zarr.Array[Any], positions: list[int]) -> list[str]:
+    """Read several values of an array of texts."""
+    return list(map(str, np.asarray(array.oindex[np.array(positions)]))) if positions else []
+
+
+@dataclass(frozen=True)
+class Marker:
+    """Content of a commit's marker, which does not prove that the manifest matches it.
+
+    Attributes
+    ----------
+    row, inputs : mapping
+        Those of the `Commit`.
+    """
+
+    row: Mapping[str, Any]
+    inputs: Mapping[str, str]
+
+
+def read_markers(location: Location) -> dict[int, Marker]:
+    """Read the markers alone, by position along the profile dimension; unreadable ones are left out."""
+    root = group_at(location)
+    markers = array_at(root, f"{COMMITS}/marker")
+    try:
+        texts = list(map(str, np.asarray(markers[:])))
+    except UNREADABLE:
+        texts = [_text_or_empty(markers, index) for index in range(markers.shape[0])]
+    read = {index: _marker(text) for index, text in enumerate(texts) if text}
+    return {index: marker for index, marker in read.items() if marker is not None}
 
 
 def committed_rows(location: Location) -> dict[int, dict[str, Any]]:
     """Read the table's rows from the markers, by position along the profile dimension; unreadable ones are left out."""
-    root = group_at(location)
-    markers = array_at(root, f"{COMMITS}/marker")
-    try:
-        texts = list(np.asarray(markers[:]))
-    except UNREADABLE:
-        texts = [_text_or_empty(markers, index) for index in range(markers.shape[0])]
-    rows = {index: _row(str(text)) for index, text in enumerate(texts) if text}
-    return {index: row for index, row in rows.items() if row is not None}
+    return {index: dict(marker.row) for index, marker in read_markers(location).items()}
 
 
 def _text_or_empty(array: zarr.Array[Any], index: int) -> str:
@@ -162,9 +189,10 @@ def _text_or_empty(array: zarr.Array[Any], index: int) -> str:
         return ""
 
 
-def _row(marker: str) -> dict[str, Any] | None:
+def _marker(text: str) -> Marker | None:
     try:
-        return dict(json.loads(marker)["row"])
+        content = _parsed_marker(text)
+        return Marker(dict(content["row"]), dict(content["inputs"]))
     except UNREADABLE:
         return None
 
@@ -345,10 +373,16 @@ def parsed_commit(marker: str, manifest: str) -> Commit | str | None:
     """
     if not marker:
         return None
-    content = json.loads(marker)
+    content = _parsed_marker(marker)
     if digest_of(manifest.encode()) != content["manifest"]:
         return "the manifest does not match the marker"
     return Commit(dict(content["row"]), dict(content["inputs"]), json.loads(manifest), dict(content.get("kept", {})))
+
+
+@lru_cache(maxsize=1024)
+def _parsed_marker(text: str) -> Any:
+    """Parse a marker; the result is cached, as a run and the readers after it parse the same, and not changed."""
+    return json.loads(text)
 
 
 def _difference(expected: str | None, stored: str | None) -> str:

@@ -15,7 +15,16 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.lock import SUFFIX, FileLock, check_held, locked
-from gliderhpc.store_schema import ArchiveRows, consolidate, damaged_chunks, read_commits, set_attributes
+from gliderhpc.mission.resume import check_profiles
+from gliderhpc.store_schema import (
+    ArchiveRows,
+    committed_rows,
+    consolidate,
+    damaged_chunks,
+    read_commits,
+    read_profiles,
+    set_attributes,
+)
 
 pytestmark = pytest.mark.compiled
 
@@ -173,6 +182,19 @@ def test_resume_says_how_many_for_which_reason(swift, own_copy):
     assert "1 profile is valid; to be computed: 1 missing, 1 damaged" in answer.err
     assert "profile 2, state/u: the chunk is damaged; it will be recomputed" in answer.err
     assert "3 of 3 profiles done (1 of them in an earlier run)" in answer.out
+
+
+def test_only_the_last_manifests_are_read_where_only_the_last_profiles_are_checked(own_copy):
+    """A watch checks the last dives; the time to read all manifests would grow with the mission."""
+    inputs = {index: commit.inputs for index, commit in read_commits(own_copy).items()}
+    numbers = read_profiles(own_copy)
+    (own_copy / "commits" / "manifest" / "c.0").write_bytes(b"damaged")
+    assert check_profiles(own_copy, numbers, inputs).outstanding == {0: "damaged"}
+    last = check_profiles(own_copy, numbers, inputs, check_last=1)
+    assert (last.outstanding, set(last.valid)) == ({}, set(inputs))
+    assert last.valid[0] == committed_rows(own_copy)[0]
+    changed = inputs | {0: inputs[0] | {"record": "another"}}
+    assert check_profiles(own_copy, numbers, changed, check_last=1).outstanding == {0: "damaged"}
 
 
 def test_partial_chunks_of_a_killed_writer_are_removed(swift, swift_store, own_copy):
