@@ -58,11 +58,12 @@ class Observations:
         Values of the global attributes, empty where absent.
     """
 
-    def __init__(self, path: Path, dataset: xr.Dataset, survey: Survey | None):
+    def __init__(self, path: Path, dataset: xr.Dataset, survey: Survey | None, *, in_memory: bool = False):
         self.path = path
-        self._stored = StoredVariables(dataset, path)
+        self._stored = StoredVariables(dataset, path, in_memory=in_memory)
         survey = survey or survey_of(self._stored)
         self.survey = survey
+        self._fixes_by_profile: dict[int, tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]] = {}
         self.platform_name = str(dataset.attrs.get("platform", ""))
         self.platform_id = str(dataset.attrs.get("platform_id", ""))
         self.mission = str(dataset.attrs.get("mission", ""))
@@ -235,6 +236,11 @@ class Observations:
 
     def _fixes(self, span: ProfileSpan) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
         """Find the fixes of the surface intervals before and after a profile, and the reasons why others are unused."""
+        if span.number not in self._fixes_by_profile:
+            self._fixes_by_profile[span.number] = self._find_fixes(span)
+        return self._fixes_by_profile[span.number]
+
+    def _find_fixes(self, span: ProfileSpan) -> tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]:
         doubt = self.survey.without_fixes.get(span.number)
         if doubt is not None:
             return (), (), (doubt,)
@@ -275,7 +281,7 @@ def open_observations(path: str | Path, *, survey: Survey | None = None, in_memo
     path = Path(path)
     dataset = open_stored(path)
     try:
-        return Observations(path, _loaded(dataset, path) if in_memory else dataset, survey)
+        return Observations(path, _loaded(dataset, path) if in_memory else dataset, survey, in_memory=in_memory)
     except BaseException:
         dataset.close()
         raise

@@ -42,7 +42,8 @@ from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, dec
 class StoredVariables:
     """Variables of an open file, read whole or in slices.
 
-    Times that have been read as a whole stay in memory, since decoding slices takes about a millisecond each.
+    Times that have been read as a whole stay in memory, since decoding slices takes about a millisecond each. So do the
+    other variables of a file in memory, since slicing a variable takes a hundred times as long as slicing its values.
 
     Parameters
     ----------
@@ -50,12 +51,16 @@ class StoredVariables:
         The open file, with undecoded times.
     path : Path
         Its path in messages.
+    in_memory : bool
+        Whether the values of the file are in memory.
     """
 
-    def __init__(self, dataset: xr.Dataset, path: Path) -> None:
+    def __init__(self, dataset: xr.Dataset, path: Path, *, in_memory: bool = False) -> None:
         self.dataset = dataset
         self.path = path
+        self._in_memory = in_memory
         self._whole: dict[str, DecodedTimes] = {}
+        self._whole_numbers: dict[str, FloatArray] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self.dataset.variables
@@ -72,6 +77,13 @@ class StoredVariables:
         """
         if name not in self:
             return np.zeros(stop - start)
+        if not self._in_memory:
+            return self._numbers(name, start, stop)
+        if name not in self._whole_numbers:
+            self._whole_numbers[name] = self._numbers(name, 0, self.dataset.variables[name].size)
+        return self._whole_numbers[name][start:stop]
+
+    def _numbers(self, name: str, start: int, stop: int) -> FloatArray:
         values = np.asarray(self._read(name, start, stop), dtype=np.float64)
         lost = self._lost(name, values) if self._may_lose(name) else np.zeros(0, dtype=bool)
         return np.where(lost, np.nan, values) if lost.any() else values

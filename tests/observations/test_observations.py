@@ -36,6 +36,18 @@ def test_round_trip_in_si_units(tmp_path):
     np.testing.assert_allclose(record.heading, np.radians(np.mod(350.0 + (1000.0 + record.time) / 10.0, 360.0)))
 
 
+def test_profiles_of_a_file_in_memory_are_those_of_the_file(tmp_path):
+    depth = mission()["depth"]
+    depth[SAMPLES + 5] = -999.0
+    path = write(tmp_path, depth=depth)
+    with open_observations(path) as in_file, open_observations(path, in_memory=True) as in_memory:
+        for number in in_file.profile_numbers:
+            assert in_memory.profile_digest(number) == in_file.profile_digest(number)
+            assert in_memory.fix_digest(number) == in_file.fix_digest(number)
+        for name in ("time", "depth", "pitch", "ballast_volume"):
+            np.testing.assert_array_equal(getattr(in_memory.profile(2), name), getattr(in_file.profile(2), name))
+
+
 def test_fixes_belong_to_the_surface_intervals_around_a_profile(tmp_path):
     with open_observations(write(tmp_path)) as observations:
         record = observations.profile(2)
