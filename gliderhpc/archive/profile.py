@@ -37,6 +37,9 @@ NOT_STEADY = ("vibration", "gap_in_the_record")
 
 _TIME_TOLERANCE = 1e-5
 
+_READ_AT_ONCE = 24
+"""Number of profiles whose rows are read together, which takes a fraction of the time of reading them one by one."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedProfile:
@@ -182,11 +185,14 @@ def read_recorded_profiles(archive: Archive, numbers: Sequence[int]) -> list[Rec
     InputError
         The archive has no such profile, or a profile failed or is not yet done.
     """
+    tables = _rows(archive, numbers)
     found = []
-    for number, table in zip(numbers, _rows(archive, numbers), strict=True):
-        series = _group_row(archive, "series", number, "time", "quality")
-        state, observed = _group_row(archive, "state", number, "time"), _group_row(archive, "observed", number)
-        found.append(_recorded(archive, table, series, state, observed))
+    for first in range(0, len(numbers), _READ_AT_ONCE):
+        part = slice(first, first + _READ_AT_ONCE)
+        names = {"series": ("time", "quality"), "state": ("time",), "observed": ()}
+        groups = [_group_rows(archive, group, list(numbers[part]), *names[group]) for group in names]
+        for i, table in enumerate(tables[part]):
+            found.append(_recorded(archive, table, *(group.isel(profile=i) for group in groups)))
     return found
 
 
@@ -211,10 +217,10 @@ def read_profile_data(archive: Archive, number: int, estimate: str = ADJOINT) ->
     (table,) = _rows(archive, [number])
     smoothed = estimate == SMOOTHED
     # Only these: every variable takes about a millisecond.
-    series = _group_row(archive, "series", number, "time", "quality", *(() if smoothed else CHANNELS))
+    series = _group_rows(archive, "series", number, "time", "quality", *(() if smoothed else CHANNELS))
     moving = ("time", *TRACKED, *MOTION, *_std_names(CHANNELS))
-    state = _group_row(archive, _group_of(archive, estimate), number, *moving, *(CHANNELS if smoothed else ()))
-    observed, prior = _group_row(archive, "observed", number), _group_row(archive, "prior", number, *CHANNELS)
+    state = _group_rows(archive, _group_of(archive, estimate), number, *moving, *(CHANNELS if smoothed else ()))
+    observed, prior = _group_rows(archive, "observed", number), _group_rows(archive, "prior", number, *CHANNELS)
     recorded = _recorded(archive, table, series, state, observed)
     time, record_time = recorded.time, recorded.record_time
     samples, records = _filled_mask(series["time"]), _filled_mask(state["time"])
@@ -256,14 +262,18 @@ def _recorded(
         measured=measured,
         sampled=_sampled_mask(observed)[records],
         controls=_columns(observed, CONTROLS)[records],
-        seawater=_columns(observed, SEAWATER)[records] if uses_measured_density(archive, number) else None,
+        seawater=_columns(observed, SEAWATER)[records] if _is_density(table.get("buoyancy")) else None,
     )
 
 
 def uses_measured_density(archive: Archive, number: int) -> bool:
     """Return whether a profile's buoyancy uses the measured density; always false in archives before version 1.3."""
     table = archive.to_dataset()
-    return "buoyancy" in table and bool(table["buoyancy"].sel(profile=number) == BUOYANCY.meanings["density"])
+    return "buoyancy" in table and _is_density(table["buoyancy"].sel(profile=number))
+
+
+def _is_density(buoyancy: Any) -> bool:
+    return bool(buoyancy == BUOYANCY.meanings["density"])
 
 
 def filter_fallbacks(archive: Archive, numbers: Iterable[int]) -> list[int]:
@@ -338,11 +348,11 @@ def _rows(archive: Archive, numbers: Sequence[int]) -> list[dict[str, Any]]:
     return rows
 
 
-def _group_row(archive: Archive, group: str, number: int, *names: str) -> xr.Dataset:
-    """Read a profile's row of the named variables that a group has, or of all its variables."""
+def _group_rows(archive: Archive, group: str, profile: int | list[int], *names: str) -> xr.Dataset:
+    """Read the row of a profile, or of several, of the named variables that a group has, or of all its variables."""
     dataset = archive[group].to_dataset()
     selected = [name for name in names if name in dataset] if names else list(dataset.data_vars)
-    return dataset[selected].sel(profile=number).load()
+    return dataset[selected].sel(profile=profile).load()
 
 
 def _group_of(archive: Archive, estimate: str) -> str:

@@ -8,6 +8,7 @@ import xarray as xr
 from support.archives import Content, write_archive
 from support.missions import program
 
+from gliderhpc.archive import profile
 from gliderhpc.archive.mission import archive_errors, open_for_reading, open_mission
 from gliderhpc.archive.profile import ESTIMATES, read_profile_data, read_recorded_profiles
 from gliderhpc.errors import InputError
@@ -71,6 +72,17 @@ def test_records_alone_are_those_of_the_whole_profile(brief_store, estimate):
     for name, value in vars(records).items():
         np.testing.assert_equal(getattr(whole, name), value, err_msg=name)
     assert len(records.measured) == len(records.record_time) > 100
+
+
+@pytest.mark.compiled
+def test_records_read_together_are_those_read_one_by_one(brief_store, monkeypatch):
+    with open_for_reading(brief_store) as opened:
+        together = read_recorded_profiles(opened, [1, 2])
+        monkeypatch.setattr(profile, "_READ_AT_ONCE", 1)
+        one_by_one = read_recorded_profiles(opened, [1, 2])
+    for ours, theirs in zip(together, one_by_one, strict=True):
+        for name, value in vars(ours).items():
+            np.testing.assert_equal(value, getattr(theirs, name), err_msg=name)
 
 
 @pytest.mark.parametrize("whole", [False, True], ids=["without commits", "whole"])
