@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -236,8 +237,8 @@ def is_followed(dives: xr.Dataset, dive: int) -> bool:
 
 def fix_after(dives: xr.Dataset, dive: int) -> Fix:
     """Return the first fix after a dive in the table."""
-    row = dives.isel(profile=dive)
-    return Fix(_instant(row, "exit_time"), float(row["exit_latitude"]), float(row["exit_longitude"]))
+    time, latitude, longitude = (_value(dives, f"exit_{name}", dive) for name in ("time", "latitude", "longitude"))
+    return Fix(time.astype("datetime64[ns]"), float(latitude), float(longitude))
 
 
 def _squared_distance(dives: xr.Dataset, predicted: _Cycle) -> float:
@@ -283,8 +284,9 @@ def dives_until(archive: Archive, number: int, most: int | None = MAX_DIVES) -> 
     return table.isel(profile=rows if most is None else rows[-most:])
 
 
-def _instant(row: xr.Dataset, name: str) -> np.datetime64:
-    return np.datetime64(int(row[name].values.astype("datetime64[ns]").astype(np.int64)), "ns")
+def _value(dives: xr.Dataset, name: str, dive: int) -> Any:
+    """Return one value of the table; a row of its seventy columns would take a hundred times as long."""
+    return dives.variables[name].values[dive]
 
 
 def _seconds(dives: xr.Dataset, name: str) -> Array:
@@ -337,17 +339,17 @@ def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: f
     starts, exits = _seconds(dives, "start_time"), _seconds(dives, "exit_time")
     observations: list[list[CurrentObservation]] = []
     for dive, begin in enumerate(starts):
-        row = dives.isel(profile=dive)
-        duration = float(row["duration"])
+        duration = float(_value(dives, "duration", dive))
         end = begin + duration
-        surface = max(float((row["exit_time"].values - row["entry_time"].values) / SECOND) - duration, 0.0)
+        surface = max(_seconds_between_fixes(dives, dive) - duration, 0.0)
         variance = 2.0 * fix_error**2 + (scatter * surface) ** 2
-        velocity = np.array([float(row["dac_north_smoothed"]), float(row["dac_east_smoothed"])])
+        velocity = np.array([float(_value(dives, f"dac_{side}_smoothed", dive)) for side in ("north", "east")])
         observations.append([CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2))])
-        time = float(row["exit_surface_time"])
+        time = float(_value(dives, "exit_surface_time", dive))
         later = starts[dive + 1] if dive + 1 < len(starts) else np.inf
         if time > 0.0 and end <= exits[dive] <= later:
-            drift = np.array([float(row["exit_surface_north"]), float(row["exit_surface_east"])]) / time - offset
+            drifted = np.array([float(_value(dives, f"exit_surface_{side}", dive)) for side in ("north", "east")])
+            drift = drifted / time - offset
             variance = scatter**2 + 2.0 * (fix_error / time) ** 2
             observations[-1].append(CurrentObservation(exits[dive], exits[dive], drift, variance * np.eye(2)))
     return observations
@@ -355,12 +357,15 @@ def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: f
 
 def _cycle(dives: xr.Dataset, dive: int) -> tuple[float, float]:
     """Return the times (s) at the surface and below for a cycle like that of a dive."""
-    row = dives.isel(profile=dive)
-    below = float(row["duration"])
-    surface = (row["exit_time"].values - row["entry_time"].values) / SECOND - below
-    stay = float(row["stay"])
+    below, stay = float(_value(dives, "duration", dive)), float(_value(dives, "stay", dive))
+    surface = _seconds_between_fixes(dives, dive) - below
     surface += stay if 0.0 <= stay <= LONGEST_STAY else 0.0
-    return max(float(surface), 0.0), below
+    return max(surface, 0.0), below
+
+
+def _seconds_between_fixes(dives: xr.Dataset, dive: int) -> float:
+    """Return the time from the last fix before a dive to the first one after it, s."""
+    return float((_value(dives, "exit_time", dive) - _value(dives, "entry_time", dive)) / SECOND)
 
 
 def _vectors(dives: xr.Dataset, columns: str) -> Array:

@@ -124,7 +124,8 @@ class WatchState(BaseModel):
     def save(self, folder: Path) -> None:
         """Replace the state file."""
         content: dict[str, Any] = self.model_dump()
-        write_text(folder / STATE_FILE, json.dumps(content, indent=1) + "\n", overwrite=True)
+        # Without indentation, which would take most of the time of writing.
+        write_text(folder / STATE_FILE, json.dumps(content) + "\n", overwrite=True)
 
 
 def _new_or_changed(now: Mapping[str, str], before: Mapping[str, str]) -> dict[str, str]:
