@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 import gliderhpc as gh
 from gliderhpc import Glider
+from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
 from gliderhpc.calibration.estimated_hulls import CalibratedHull
 from gliderhpc.estimation.priors import default_prior
@@ -65,6 +66,9 @@ NORMAL = {0.68: 1.0, 0.95: 1.96}
 """Half width of an interval, in standard deviations, by the share that it should contain."""
 ELLIPSES = {0.39: 1.0, 0.86: 4.0}
 """Squared radius of an ellipse of two components by the share that it should contain."""
+OTHER_CURRENTS = {"adjoint": "dac_{way}", "glide angle": "dac_{way}_glide_angle"}
+"""Columns of the archive's currents other than the adopted one, by their name in the tables."""
+CURRENTS = ("adopted", *OTHER_CURRENTS)
 _STREAM = 78
 
 Array = NDArray[np.float64]
@@ -83,9 +87,11 @@ class MissionScore:
     rmse : dict
         Root mean square error by quantity, N, N m and m/s.
     distances : list of float
-        Squared distance of every dive's current from the truth, by its covariance.
-    current_rmse, current_deviation : float
-        Root mean square error, and the median of the stated deviation, of a component (m/s).
+        Squared distance of every dive's adopted current from the truth, by its covariance.
+    current_rmse : dict
+        Root mean square error of a component of the current, m/s, by its name in `CURRENTS`.
+    current_deviation : float
+        Median of the stated deviation of a component of the adopted current, m/s.
     parameters : dict
         Error of every parameter over its stated deviation.
     failed : int
@@ -99,7 +105,7 @@ class MissionScore:
     inside: dict[str, list[float]]
     rmse: dict[str, float]
     distances: list[float]
-    current_rmse: float
+    current_rmse: dict[str, float]
     current_deviation: float
     parameters: dict[str, float]
     failed: int
@@ -152,14 +158,21 @@ class DiveErrors:
     ----------
     smoothed, deviation : (m, 9)
         Errors of the quantities of the smoother at the steady records, and their stated deviations.
-    current, covariance : (2,), (2, 2)
-        Error of the depth-averaged current to the north and to the east, m/s, and its stated covariance.
+    currents : dict of (2,)
+        Errors of the depth-averaged currents to the north and to the east, m/s, by their name in `CURRENTS`.
+    covariance : (2, 2)
+        Stated covariance of the adopted current.
     """
 
     smoothed: Array
     deviation: Array
-    current: Array
+    currents: dict[str, Array]
     covariance: Array
+
+    @property
+    def current(self) -> Array:
+        """Error of the adopted current to the north and to the east, m/s."""
+        return self.currents["adopted"]
 
 
 def done_profiles(tree: xr.DataTree) -> list[int]:
@@ -182,11 +195,20 @@ def dive_errors(tree: xr.DataTree, records: Path, number: int) -> DiveErrors:
     found = np.column_stack([smoothed[name].values[known][rows] for name in QUANTITIES])
     stated = np.column_stack([smoothed[f"{name}_std"].values[known][rows] for name in QUANTITIES])
     whole = np.isfinite(np.hstack([true_values, found, stated])).all(axis=1)
-    row = tree.ds.sel(profile=number)
-    current = np.array([float(row[f"dac_{way}"] - truth[f"current_{way}"]) for way in ("north", "east")])
-    covariance = np.diag([float(row[f"dac_{way}_std"]) ** 2 for way in ("north", "east")])
-    covariance[0, 1] = covariance[1, 0] = float(row["dac_covariance"])
-    return DiveErrors((found - true_values)[whole], stated[whole], current, covariance)
+    currents, covariance = current_errors(tree.ds.sel(profile=number), truth)
+    return DiveErrors((found - true_values)[whole], stated[whole], currents, covariance)
+
+
+def current_errors(row: xr.Dataset, truth: xr.Dataset) -> tuple[dict[str, Array], Array]:
+    """Errors of the currents of a dive by their name in `CURRENTS`, m/s, and the covariance of the adopted one."""
+    adopted = adopted_current(row)
+    true = np.array([float(truth[f"current_{way}"]) for way in ("north", "east")])
+    errors = {"adopted": np.array([float(adopted.north), float(adopted.east)]) - true}
+    for name, column in OTHER_CURRENTS.items():
+        errors[name] = np.array([float(row[column.format(way=way)]) for way in ("north", "east")]) - true
+    covariance = np.diag([float(adopted.north_std) ** 2, float(adopted.east_std) ** 2])
+    covariance[0, 1] = covariance[1, 0] = float(adopted.covariance)
+    return errors, covariance
 
 
 def distance(dive: DiveErrors) -> float:
@@ -198,13 +220,15 @@ def score_mission(tree: xr.DataTree, records: Path) -> dict[str, object]:
     """Compare an archive with its truth."""
     dives = [dive_errors(tree, records, number) for number in done_profiles(tree)]
     error, deviation = np.vstack([dive.smoothed for dive in dives]), np.vstack([dive.deviation for dive in dives])
-    current, covariance = np.array([dive.current for dive in dives]), np.array([dive.covariance for dive in dives])
+    covariance = np.array([dive.covariance for dive in dives])
     shares = {level: np.mean(np.abs(error) <= width * deviation, axis=0) for level, width in NORMAL.items()}
     return {
         "inside": {name: [float(shares[level][i]) for level in NORMAL] for i, name in enumerate(QUANTITIES)},
         "rmse": dict(zip(QUANTITIES, np.sqrt(np.mean(error**2, axis=0)).tolist(), strict=True)),
         "distances": [distance(dive) for dive in dives],
-        "current_rmse": float(np.sqrt(np.mean(current**2))),
+        "current_rmse": {
+            name: float(np.sqrt(np.nanmean([dive.currents[name] ** 2 for dive in dives]))) for name in CURRENTS
+        },
         "current_deviation": float(np.median(np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0))),
         "failed": len(tree["profile"]) - len(dives),
     }
@@ -251,7 +275,7 @@ def scored_mission(
     way = "default" if rounds is None else str(rounds)
     print(
         f"{name}, {way} rounds, {kind} {seed}: {score.seconds:.0f} s, {score.failed} failed, "
-        f"current {score.current_rmse:.4f} m/s, stated {score.current_deviation:.4f}", flush=True,
+        f"current {score.current_rmse['adopted']:.4f} m/s, stated {score.current_deviation:.4f}", flush=True,
     )  # fmt: skip
     return score
 
@@ -274,7 +298,8 @@ def summary_row(heads: tuple[str, str], scores: list[MissionScore]) -> list[str]
     distances = np.concatenate([score.distances for score in scores])
     off = np.concatenate([list(score.parameters.values()) for score in scores])
     return [
-        *heads, f"{np.sqrt(np.mean([score.current_rmse**2 for score in scores])):.4f}",
+        *heads,
+        *(f"{np.sqrt(np.mean([score.current_rmse[name] ** 2 for score in scores])):.4f}" for name in CURRENTS),
         f"{np.median([score.current_deviation for score in scores]):.4f}",
         " / ".join(f"{np.mean(distances <= limit):.2f}" for limit in ELLIPSES.values()),
         f"{np.mean(np.abs(off) <= NORMAL[0.68]):.2f} / {np.mean(np.abs(off) <= NORMAL[0.95]):.2f}",
@@ -282,7 +307,7 @@ def summary_row(heads: tuple[str, str], scores: list[MissionScore]) -> list[str]
     ]  # fmt: skip
 
 
-SUMMARY = ("current RMSE, m/s", "stated, m/s", "in the 39 / 86 % ellipses", "parameters in 68 / 95 %",
+SUMMARY = (*(f"{name} current RMSE, m/s" for name in CURRENTS), "stated, m/s", "in the 39 / 86 % ellipses", "parameters in 68 / 95 %",
            "profiles failed", "s per mission")  # fmt: skip
 """Heads of `summary_row`, after the first two."""
 

@@ -115,8 +115,9 @@ def scored(job: tuple[str, int, int, Path, bool]) -> list[VelocityScore]:
         scores = [asdict(_scored_way(kind, seed, dives, folder, way)) for way in WAYS]
         stored.write_text(json.dumps(scores, indent=1), "utf-8")
     scores = [VelocityScore(**each) for each in json.loads(stored.read_text("utf-8"))]
+    sizes = ", ".join(f"{score.current_rmse['adopted']:.4f}" for score in scores)
     print(
-        f"{kind} {seed}: current {scores[0].current_rmse:.4f}, {scores[1].current_rmse:.4f} m/s; drag "
+        f"{kind} {seed}: current {sizes} m/s; drag "
         f"{scores[0].drag:+.3f}, {scores[1].drag:+.3f}; lift {scores[0].lift:+.3f}, {scores[1].lift:+.3f}", flush=True,
     )  # fmt: skip
     return scores
@@ -146,7 +147,7 @@ def summary_row(kind: str, way: str, scores: list[VelocityScore]) -> list[str]:
     """Currents, speeds, drag and lift of the missions of a kind by one way."""
     distances = np.concatenate([score.distances for score in scores])
     return [
-        TITLES[kind], way, f"{_rms([score.current_rmse for score in scores]):.4f}",
+        TITLES[kind], way, f"{_rms([score.current_rmse['adopted'] for score in scores]):.4f}",
         f"{np.median([score.current_deviation for score in scores]):.4f}",
         f"{np.mean(distances <= 1.0):.2f} / {np.mean(distances <= 4.0):.2f}",
         f"{_rms([score.drag for score in scores]):.3f}", f"{_rms([score.lift for score in scores]):.3f}",
