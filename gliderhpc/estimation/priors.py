@@ -84,7 +84,7 @@ def with_yaw_of(source: DisturbancePrior, prior: DisturbancePrior) -> Disturbanc
 
 
 SLOW_RECORD = DisturbancePrior(
-    deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 3.0), correlation_time=(300.0, 3600.0, 300.0, 3600.0, 60.0, 60.0)
+    deviation=(0.1, 0.4, 0.2, 0.4, 3.0, 3.0), correlation_time=(300.0, 60.0, 300.0, 3600.0, 60.0, 60.0)
 )
 """Prior of the smoother for slow records of a hull that has not been tuned (docs/smoother.md)."""
 
