@@ -261,7 +261,7 @@ def _fit(
     report: Callable[[str], None],
 ) -> tuple[Fit, CalibrationVerdict | None]:
     """Fit the free parameters, or again with the lateral terms held, and return the reason for the latter fit."""
-    fit = Fit(errors, _search_from_best_start(errors, free, start, settings, report))
+    fit = Fit(errors, _search_from_best_start(errors, free, start, settings, report), start)
     reason = reason_to_hold(fit, lateral, stable=is_stable(errors, fit.search))
     if reason is None:
         return fit, None
@@ -269,7 +269,7 @@ def _fit(
     separate = errors.with_separate_turns()
     rest = free & ~lateral
     start = best_start(start_subset(separate), rest, report)
-    held = Fit(separate, _search_from_best_start(separate, rest, start, settings, report))
+    held = Fit(separate, _search_from_best_start(separate, rest, start, settings, report), start)
     if is_better_held(reason, fit, held):
         return held, reason
     report("with the lateral terms held, the turns do not fit or less is determined: the first fit is used")

@@ -25,10 +25,19 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A finished search over some errors; its covariance takes several of their Jacobians and is computed once."""
+    """A finished search over some errors; its covariance takes several of their Jacobians and is computed once.
+
+    Attributes
+    ----------
+    errors, search : SegmentErrors, CalibrationSearch
+        The errors and the search.
+    start : (p,)
+        Steps of the best starting point of the search.
+    """
 
     errors: SegmentErrors
     search: CalibrationSearch
+    start: Array
 
     @cached_property
     def covariance(self) -> Array:
@@ -88,6 +97,7 @@ def few_profiles_factor(errors: SegmentErrors) -> float:
 HELD_REASONS = {
     CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
     CalibrationVerdict.TOO_STEEP: "the hull cannot glide as flat as the glider did",
+    CalibrationVerdict.GLIDE_MISSED: "the depth rate or the pitch is missed",
     CalibrationVerdict.IMPLAUSIBLE_TURNS: "one of them is far from the platform's value",
     CalibrationVerdict.CONFOUNDED: "a parameter is less well known than the platform states it",
 }
@@ -103,6 +113,10 @@ On twins with yaw impulses or gusts and the platform's own lateral terms it is a
 and M012 and SG033, at least 2.5.
 """
 
+_MISSED = 3.0
+"""Ratio of the errors of depth rate or pitch to those at the start of the search beyond which the fit misses them: rates
+of turn in disturbed water, with which the lateral terms are fitted, have led the search away from the glides."""
+
 _MAX_COST_RATIO = 1.25
 """Ratio of costs above which a fit with the lateral terms held is rejected. On twins whose platform is the true hull,
 free lateral terms reduce the cost by 3 to 10 %; on the mission SEA035 M010, by a third."""
@@ -112,6 +126,8 @@ def reason_to_hold(fit: Fit, lateral: Mask, *, stable: bool) -> CalibrationVerdi
     """Return why the lateral terms of a finished fit are unreliable; None if they are not."""
     if not stable:
         return CalibrationVerdict.UNSTABLE
+    if (_sizes_of_errors(fit, fit.search.steps) > _MISSED * _sizes_of_errors(fit, fit.start))[:2].any():
+        return CalibrationVerdict.GLIDE_MISSED
     if fit.errors.flatness(fit.search.steps, margin=1.0) > 0.0:
         return CalibrationVerdict.TOO_STEEP
     if np.abs(fit.search.steps[lateral]).max(initial=0.0) > _MAX_DISTANCE:
@@ -125,15 +141,16 @@ def is_better_held(reason: CalibrationVerdict, fit: Fit, held: Fit) -> bool:
     """Return whether the fit with the lateral terms held is the better one, given the reason for holding them."""
     if reason in (CalibrationVerdict.UNSTABLE, CalibrationVerdict.TOO_STEEP):
         return True
+    sizes_held, sizes_free = (_sizes_of_errors(each, each.search.steps) for each in (held, fit))
+    if reason is CalibrationVerdict.GLIDE_MISSED:
+        return bool(np.all(sizes_held[:2] <= sizes_free[:2]))
     if reason is CalibrationVerdict.IMPLAUSIBLE_TURNS:
-        return bool(np.all(_sizes_of_errors(held) <= _MIN_ERROR_RATIO * _sizes_of_errors(fit)))
+        # Pitch is no measure: a hull near neutral stability predicts it exactly, whatever its lateral terms are.
+        return bool(np.all((sizes_held <= _MIN_ERROR_RATIO * sizes_free)[[0, 2, 3]]))
     free_cost, held_cost = (fit.search.cost_of(each.search.steps) for each in (fit, held))
     return held_cost <= _MAX_COST_RATIO * free_cost and held.largest_variance < fit.largest_variance
 
 
-def _sizes_of_errors(fit: Fit) -> NDArray[np.float64]:
-    """Trimmed root mean square errors ``(3,)`` of depth rate, roll and rate of turn, SI.
-
-    Pitch is no measure: a hull near neutral stability predicts it exactly, whatever its lateral terms are.
-    """
-    return score(fit.errors, fit.search.steps).errors_after.trimmed[[0, 2, 3]]
+def _sizes_of_errors(fit: Fit, steps: Array) -> Array:
+    """Trimmed root mean square errors ``(4,)`` of depth rate, pitch, roll and rate of turn, SI."""
+    return score(fit.errors, steps).errors_after.trimmed

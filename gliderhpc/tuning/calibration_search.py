@@ -37,13 +37,14 @@ START_COUNT = 3
 START_SPREAD = 2.0
 
 REFUTING_RISE = 0.25
-"""Rise of the cost, relative to it, beyond which the platform's value is refuted. The errors of segments are too
-dependent for a ratio of likelihoods, and for standard errors: on a simulated mission a lift five standard errors away
-from the platform's lowered the cost by 0.006 of itself and made the currents wrong by 0.08 m/s. On two others, lift and
-drag at the platform's values together raised it by 1.3 and 8.0, and a hull with one of them at that value was worse."""
+"""Rise of the cost, relative to it, beyond which the platform's value is refuted: of the sum over all errors, or of the
+mean over the kinds of errors. The errors of segments are too dependent for a ratio of likelihoods, and for standard
+errors: on a simulated mission a lift five standard errors away from the platform's lowered the cost by 0.006 of itself
+and made the currents wrong by 0.08 m/s. On another one, in yaw impulses, rates of turn were nine tenths of the cost: a
+hull that misses the depth rate by 25 cm/s raised the sum by less than a quarter."""
 
-MIN_REFUTING_RISE = 4.5
-"""Rise of the cost below which no value is refuted: that of a residual of three deviations."""
+SMALL_COST = 4.5
+"""Cost of a residual of three deviations: smaller rises refute no value."""
 
 COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
@@ -66,6 +67,7 @@ class CalibrationVerdict(Enum):
     IMPLAUSIBLE = "held at the bound: the fit reached the limit of plausible values"
     UNSTABLE = "held: if it is free, the hull has no stable glide"
     TOO_STEEP = "held: if the lateral terms are free, the hull found cannot glide as flat as the glider did"
+    GLIDE_MISSED = "held: if the lateral terms are free, the fit misses the depth rate or the pitch"
     IMPLAUSIBLE_TURNS = "held: if the lateral terms are free, one of them is far from the platform's value"
     CONFOUNDED = "held: if it is free, the glides determine others less well than the platform states them"
 
@@ -148,8 +150,7 @@ class CalibrationSearch:
 
     def cost_of(self, steps: Array) -> float:
         """Robust cost of some steps (p,), without a prior, with the present scales."""
-        normalised = self._errors(steps) / self._scale_of_each()
-        return float(np.sum(np.sqrt(1.0 + normalised**2) - 1.0))
+        return float(_robust_costs(self._errors(steps) / self._scale_of_each()).sum())
 
     def scatter(self) -> Array:
         """Standard errors (p,) of the free parameters, in plausible deviations; NaN for held ones."""
@@ -240,7 +241,7 @@ class CalibrationSearch:
     def _is_refuted(self, index: int, confounded_with: Sequence[int]) -> bool:
         """Fit with the prior, and return whether the glides refute the platform's value of a free parameter.
 
-        They refute it if the cost of a fit, prior included, rises by `REFUTING_RISE` with that value, or if it does so
+        They refute it if the cost of a fit rises by `REFUTING_RISE` with that value, or if it does so
         where the parameters that the glides do not separate from it have the platform's values: otherwise these would
         compensate for it, far from their own. The errors' slopes at the most probable value do not decide: it can be
         many standard errors away although the cost hardly depends on it. A value near the platform's does not refute
@@ -260,31 +261,39 @@ class CalibrationSearch:
     def _cost_rises(self, probable: Array, index: int, others: Sequence[int]) -> bool:
         """Return whether the cost rises by too much with the platform's value, and `others` held there as well."""
         free, self.steps = self.free.copy(), probable.copy()
-        cost = self._fit_at_platform(others)
-        rise = self._fit_at_platform([*others, index]) - cost
+        before = self._fit_at_platform(index, others)
+        after = self._fit_at_platform(index, [*others, index])
         self.free = free
-        return rise > max(REFUTING_RISE * cost, MIN_REFUTING_RISE)
+        rises = after - before
+        in_sum = rises.sum() > max(REFUTING_RISE * before.sum(), SMALL_COST)
+        by_kind = np.mean(rises / (before + SMALL_COST)) > REFUTING_RISE
+        return bool(in_sum or by_kind)
 
-    def _fit_at_platform(self, indices: Sequence[int]) -> float:
-        """Hold some parameters at the platform's values, fit the others with the prior, and return the cost.
+    def _fit_at_platform(self, index: int, held: Sequence[int]) -> Array:
+        """Hold some parameters at the platform's values, fit the others with the prior, and return `_costs_of_kinds`.
 
         They go to these values in several fits: on the direct way, others were caught in false minima.
         """
-        start = self.steps[indices]
-        self.free[indices] = False
+        start = self.steps[held]
+        self.free[held] = False
         for remaining in np.linspace(1.0, 0.0, math.ceil(np.abs(start).max(initial=0.0) / _STAGE) + 1)[1:]:
-            self.steps[indices] = remaining * start
+            self.steps[held] = remaining * start
             self._fit(prior=1.0)
-        return self._penalised_cost()
+        return self._costs_of_kinds(index)
 
-    def _penalised_cost(self) -> float:
-        """Cost that a fit with the prior minimises."""
-        flatness = self._errors.flatness(self.steps) / FLATNESS
-        return self.cost_of(self.steps) + _prior_cost(self.steps) + math.sqrt(1.0 + flatness**2) - 1.0
+    def _costs_of_kinds(self, index: int) -> Array:
+        """Robust cost of each kind of errors to which a parameter is fitted, without a prior."""
+        rows = next(rows for rows, columns in self._errors.parts() if columns[index])
+        costs = _robust_costs(self._errors(self.steps) / self._scale_of_each())
+        return np.array([costs[self._errors.kind == kind].sum() for kind in np.unique(self._errors.kind[rows])])
 
     def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
-        """Fit the free parameters, separately for each part of the errors (`SegmentErrors.parts`)."""
-        for rows, columns in self._errors.parts():
+        """Fit the free parameters, separately for each part of the errors (`SegmentErrors.parts`).
+
+        Straight flight, the first part, comes last: the battery's eccentricity, which turns determine, acts on the
+        pitch as well.
+        """
+        for rows, columns in reversed(self._errors.parts()):
             chosen = np.flatnonzero(self.free & columns)
             if len(chosen):
                 self._fit_part(rows, chosen, prior, tolerance)
@@ -341,7 +350,12 @@ class CalibrationSearch:
 
 def _prior_cost(steps: Array) -> float:
     """Cost of the prior, under the robust loss of the fit."""
-    return float(np.sum(np.sqrt(1.0 + steps**2) - 1.0))
+    return float(_robust_costs(steps).sum())
+
+
+def _robust_costs(normalised: Array) -> Array:
+    """Cost of each error over its scale, under the robust loss of the fit."""
+    return np.asarray(np.sqrt(1.0 + normalised**2) - 1.0)
 
 
 def best_start(errors: SegmentErrors, free: Mask, report: Callable[[str], None]) -> Array:
@@ -376,10 +390,14 @@ def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> flo
 
     Notes
     -----
+    The robust deviation is the median error's, or a third of the mean error if most errors are much smaller than some:
+    rates of turn between impulses of the water are almost exact, and those in the impulses, hundreds of deviations
+    away, would outweigh all errors of the other kinds.
     The scale is the robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``. This factor is the scatter of sums
     over a leg relative to that of independent errors.
     """
-    deviation = max(MAD_TO_STD * float(np.median(np.abs(errors))), least)
+    sizes = np.abs(errors)
+    deviation = max(MAD_TO_STD * float(np.median(sizes)), float(np.mean(sizes)) / _LARGE_RESIDUAL, least)
     clipped = np.clip(errors, -_LARGE_RESIDUAL * deviation, _LARGE_RESIDUAL * deviation)
     _, group = np.unique(leg, return_inverse=True)
     inflation = float(np.sum(np.bincount(group, clipped) ** 2) / max(np.sum(clipped**2), least**2))

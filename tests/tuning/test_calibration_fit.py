@@ -57,13 +57,27 @@ def test_water_that_turns_the_glider_does_not_move_its_drag(monkeypatch):
     assert {key for key, p in of.items() if p.verdict is why} == set(LATERAL)
 
 
-def fit(steps, sizes=(1.0,) * 4, *, free=(), variance=0.0, steep=0.0):
+def fit(steps, sizes=(1.0,) * 4, *, free=(), variance=0.0, steep=0.0, start_sizes=(1.0,) * 4):
     """A finished fit with steps of its parameters, sizes of the four errors, and excess of its flattest pitch."""
     search = SimpleNamespace(steps=np.array(steps), free=np.isin(np.arange(len(steps)), free), cost_of=np.sum)
-    errors = SimpleNamespace(sizes=np.array(sizes), flatness=lambda _, margin: steep)
-    return SimpleNamespace(errors=errors, search=search, largest_variance=variance)
+    start = np.full(len(steps), np.inf)
+    errors = SimpleNamespace(
+        trimmed=lambda at: np.array(start_sizes if at is start else sizes), flatness=lambda _, margin: steep
+    )
+    return SimpleNamespace(errors=errors, search=search, start=start, largest_variance=variance)
 
 
+@pytest.fixture
+def sizes_of_fits(monkeypatch):
+    """The sizes of errors are those given to `fit`."""
+    monkeypatch.setattr(
+        calibration_fit,
+        "score",
+        lambda errors, steps: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors.trimmed(steps))),
+    )
+
+
+@pytest.mark.usefixtures("sizes_of_fits")
 def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
     lateral = np.array([False, True])
     assert reason_to_hold(fit([4.0, 0.5]), lateral, stable=True) is None
@@ -76,15 +90,32 @@ def test_lateral_terms_are_in_doubt_far_from_the_platform_or_badly_known():
     assert is_better_held(CalibrationVerdict.TOO_STEEP, steep, fit([0.0, 0.0], [9.0] * 4))
 
 
+@pytest.mark.usefixtures("sizes_of_fits")
+@pytest.mark.parametrize(
+    ("sizes", "reason"),
+    [
+        ([4.0, 1.0, 1.0, 1.0], CalibrationVerdict.GLIDE_MISSED),
+        ([1.0, 4.0, 1.0, 1.0], CalibrationVerdict.GLIDE_MISSED),
+        ([2.0, 2.0, 1.0, 1.0], None),
+        ([1.0, 1.0, 4.0, 4.0], None),
+    ],
+)
+def test_lateral_terms_are_in_doubt_if_the_fit_misses_the_glides_that_its_start_follows(sizes, reason):
+    """Depth rate and pitch decide; roll and rate of turn scatter with the water."""
+    missed = fit([0.0, 0.5], sizes)
+    assert reason_to_hold(missed, np.array([False, True]), stable=True) is reason
+    if reason is not None:
+        assert is_better_held(reason, missed, fit([0.0, 0.0], [1.0, 1.0, 9.0, 9.0]))
+        assert not is_better_held(reason, missed, fit([0.0, 0.0], [5.0, 5.0, 1.0, 1.0]))
+
+
+@pytest.mark.usefixtures("sizes_of_fits")
 @pytest.mark.parametrize(
     ("sizes", "held"),
     [([1.0, 30.0, 1.5, 1.5], True), ([1, 1, 1, 2.5], False), ([1, 1, 2.5, 1], False), ([2.5, 1, 1, 1], False)],
 )
-def test_implausible_terms_are_kept_only_where_the_glides_prove_them(monkeypatch, sizes, held):
+def test_implausible_terms_are_kept_only_where_the_glides_prove_them(sizes, held):
     """If held terms double the errors of depth rate or turns, the free ones stand; pitch is no measure."""
-    monkeypatch.setattr(
-        calibration_fit, "score", lambda errors, _: SimpleNamespace(errors_after=SimpleNamespace(trimmed=errors.sizes))
-    )
     assert is_better_held(CalibrationVerdict.IMPLAUSIBLE_TURNS, fit([4.0]), fit([0.0], sizes)) is held
 
 
