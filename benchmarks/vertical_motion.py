@@ -124,7 +124,7 @@ def mission_row(name: str, seed: int, dives: int, deviation: float | None, folde
     with open_for_reading(store) as archive:
         mission = read_terms(archive, done_profiles(archive))
         mission, check = agreeing_terms(archive, mission, robust=True)
-        found, _ = combine_terms(mission, HullSettings())
+        found, *_ = combine_terms(mission, HullSettings())
     place = [p.key for p in mission.parameters].index(DRAG)
     drag = mission.parameters[place]
     values = []

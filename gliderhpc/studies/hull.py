@@ -8,6 +8,7 @@ change. The results are added to the same group.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,8 @@ from gliderhpc.studies.library.depth_rate_check import DepthRateCheck, check_hul
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
 from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.hull_changes import PROBABLE, ErrorChange, find_changes
+from gliderhpc.tuning.hull_changes import PROBABLE, ErrorChange
+from gliderhpc.tuning.joint_change import JointChange, find_hull_changes
 from gliderhpc.tuning.mission_hull import HullPrior, MissionHull, ProfileTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 from gliderhpc.wording import counted
@@ -38,6 +40,9 @@ from gliderhpc.wording import counted
 Array = NDArray[np.float64]
 
 NAME = "hull"
+
+JOINT = "joint_change"
+"""Attribute with the change of any of the parameters that may change (`joint_in_units`)."""
 
 SUSPECT = "suspect"
 """Dimension of the parameters that may change during the mission."""
@@ -212,7 +217,7 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     """Sum up the profiles' information, and search for changes of the parameters that can change."""
     mission: MissionTerms = plan.prepared.inputs
     settings: HullSettings = plan.settings
-    hull, changes = combine_terms(mission, settings)
+    hull, changes, joint = combine_terms(mission, settings)
     rows: dict[int, Row] = {
         number: {"message": "the smoother has no estimate of this profile, or no information on the hull from it"}
         for number in mission.without
@@ -222,13 +227,19 @@ def mission_hull(plan: Plan, _: Mapping[int, Row]) -> GroupContent:
     return GroupContent(
         labels={SUSPECT: keys},
         variables=_stored_changes(mission, hull, changes),
-        attributes={"inflation": hull.inflation, "log_evidence": hull.log_evidence},
+        attributes={
+            "inflation": hull.inflation,
+            "log_evidence": hull.log_evidence,
+            **({} if joint is None else {JOINT: joint_in_units(mission, hull, joint)}),
+        },
         rows=rows,
     )
 
 
-def combine_terms(mission: MissionTerms, settings: HullSettings) -> tuple[MissionHull, dict[int, ErrorChange | None]]:
-    """Return the sum over the profiles, and the changes of the parameters that may change, by their positions.
+def combine_terms(
+    mission: MissionTerms, settings: HullSettings
+) -> tuple[MissionHull, dict[int, ErrorChange | None], JointChange | None]:
+    """Return the sum over the profiles, the changes of the parameters that may change, by position, and that of any.
 
     Where changes are probable, the sum is repeated with a prior that allows them. Otherwise it would be a mean of the
     hulls before and after. The search for changes uses the undivided information of the profiles: the error for which
@@ -236,14 +247,30 @@ def combine_terms(mission: MissionTerms, settings: HullSettings) -> tuple[Missio
     """
     hull = mission.undivided or _sum_of_terms(mission, robust=settings.robust)
     with threadpool_limits(limits=1):
-        changes = find_changes(
+        changes, joint = find_hull_changes(
             mission.terms, mission.suspects, mission.prior, settings.change, mission.companions, robust=settings.robust
         )
         probable = {i: c for i, c in changes.items() if c is not None and c.probability >= PROBABLE}
+        if not probable and joint is not None and joint.probability >= PROBABLE:
+            probable = _changed_together(joint, settings.change)
         if probable or mission.divisor > 1.0:
             terms = [term.weakened(mission.divisor) for term in mission.terms]
             hull = solve_mission(terms, _with_changes(mission, probable, settings), robust=settings.robust)
-    return hull, changes
+    return hull, changes, joint
+
+
+_MIN_INCLUDED = 0.1
+"""Probability above which a parameter is allowed to change with the others, given that any of them changes."""
+
+
+def _changed_together(joint: JointChange, size: float) -> dict[int, ErrorChange]:
+    """Return a change of each parameter that may be among those that changed; its size is known for some of them."""
+    sizes = dict(zip(joint.combination, zip(joint.total, joint.total_std, strict=True), strict=True))
+    return {
+        i: ErrorChange(joint.probability, *sizes.get(i, (0.0, size)), joint.onset, joint.step_probability)
+        for i, included in joint.included.items()
+        if included >= _MIN_INCLUDED
+    }
 
 
 def _with_changes(mission: MissionTerms, changes: Mapping[int, ErrorChange], settings: HullSettings) -> HullPrior:
@@ -328,6 +355,32 @@ def change_in_units(mission: MissionTerms, hull: MissionHull, parameter: int, ch
         change.step_probability,
     )  # fmt: skip
     return dict(zip(CHANGE_COLUMNS, values, strict=True))
+
+
+def joint_in_units(mission: MissionTerms, hull: MissionHull, joint: JointChange) -> dict[str, Any]:
+    """Return the change of any parameter for attribute `JOINT`: sizes in the file's units, onsets as profile numbers.
+
+    Its ``parts`` are the parameters that may change, the most probable first; those of the most probable combination
+    have a ``change``.
+    """
+    low, middle, high = (mission.terms[index].number for index in joint.onset)
+    sizes = dict(zip(joint.combination, zip(joint.total, joint.total_std, strict=True), strict=True))
+    parts = []
+    for i, included in sorted(joint.included.items(), key=lambda item: -item[1]):
+        slope = mission.parameters[i].slope(mission.platform, float(hull.smoothed[0].mean[i]))
+        part: dict[str, Any] = {"parameter": mission.parameters[i].key, "included": included}
+        if i in sizes:
+            part |= {"change": slope * sizes[i][0], "change_std": abs(slope) * sizes[i][1]}
+        parts.append(part)
+    return {
+        "probability": joint.probability,
+        "onset": middle,
+        "onset_low": low,
+        "onset_high": high,
+        "step_probability": joint.step_probability,
+        "combination_probability": joint.combination_probability,
+        "parts": parts,
+    }
 
 
 def missing_input(request: Request, _: object) -> str | None:

@@ -29,7 +29,7 @@ from gliderhpc.surfacing.message import (
     Water,
 )
 from gliderhpc.surfacing.next_surfacing import PROBABILITY, predict_surfacing
-from gliderhpc.surfacing.recent_hull import hull_changes, recent_hull, trim_of
+from gliderhpc.surfacing.recent_hull import hull_changes, joint_change, recent_hull, trim_of
 from gliderhpc.vocabulary import QUALITY
 from gliderhpc.wording import counted
 
@@ -107,6 +107,7 @@ def surfacing_message(
         odd=() if data is None else _anomalies(row, data),
         hull=_hull(archive, number) if smoothed else (),
         hull_changes=() if hull is None else hull_changes(hull),
+        hull_joint_change=None if hull is None else joint_change(hull),
         trim=() if hull is None else tuple(trim_of(hull)),
         hull_warning="" if hull is None else hull.warning,
     )

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gliderhpc.findings.formatting import polar, with_deviation
 from gliderhpc.wording import counted
 
-MESSAGE_VERSION = "1.3"
+MESSAGE_VERSION = "1.4"
 """Version of the message; the first number changes when a field is removed or changes its meaning."""
 
 
@@ -107,6 +107,55 @@ class HullChange(_Part):
         return self.since >= profile
 
 
+class JointPart(_Part):
+    """One number of the platform file among those that may have changed together."""
+
+    parameter: str = _field("", "key in the platform file")
+    meaning: str = _field("", "description")
+    included: float = _field("1", "probability that it is among those that changed, if anything has")
+    size: str = Field(
+        "",
+        description="change with its standard deviation and unit in the most probable combination; empty if not in it",
+    )
+
+
+class JointHullChange(_Part):
+    """Change of any of the numbers of the platform file that may change, with one onset, over the dives so far."""
+
+    probability: float = _field("1", "probability that something has changed; prior one half")
+    since: int = _field("1", "number of the first dive after the change, median")
+    since_low: int = _field("1", "lower end of the 90 % interval of since")
+    since_high: int = _field("1", "upper end of that interval")
+    step_probability: float = _field("1", "probability of an abrupt change, if anything has changed")
+    combination_probability: float = _field(
+        "1", "probability of the most probable combination, if anything has changed"
+    )
+    parts: tuple[JointPart, ...] = _field("", "numbers that may have changed, the most probable first")
+    dives: int = _field("1", "number of dives used")
+
+    @property
+    def course(self) -> str:
+        """Form and onset of the change."""
+        form = "abruptly at" if self.step_probability > 0.5 else "gradually from"
+        return f"{form} profile {self.since} ({self.since_low} to {self.since_high})"
+
+    @property
+    def cause(self) -> str:
+        """Most probable combination, and the probability of each parameter."""
+        combination = " and ".join(f"{part.meaning} by {part.size}" for part in self.parts if part.size)
+        every = ", ".join(f"{part.meaning} {part.included:.2f}" for part in self.parts)
+        if self.combination_probability >= 0.5:
+            return f"most probably {combination} ({self.combination_probability:.2f}); probability of each: {every}"
+        return (
+            f"the dives do not show which parameters (probability of each: {every}); the most probable combination is "
+            f"{combination} ({self.combination_probability:.2f})"
+        )
+
+    def is_shown_only_by(self, profile: int) -> bool:
+        """Return whether the change begins with this dive, the last one, which alone shows it."""
+        return self.since >= profile
+
+
 class Trim(_Part):
     """Difference of the hull from the platform file, from the dives so far, in a unit that a pilot uses."""
 
@@ -159,6 +208,9 @@ class SurfacingMessage(_Part):
     hull: tuple[HullParameter, ...] = _field("", "errors of the hull from this dive alone, where estimated")
     hull_changes: tuple[HullChange, ...] = _field(
         "", "changes of the parameters that can change, from the fourth dive on"
+    )
+    hull_joint_change: JointHullChange | None = Field(
+        None, description="change of any of these parameters, from the fourth dive on"
     )
     trim: tuple[Trim, ...] = Field(
         (), description="ballast, battery and offsets, where the dives so far determine them"

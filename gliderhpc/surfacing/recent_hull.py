@@ -1,12 +1,14 @@
 """Hull over the latest dives: its changes since the first of them, and its trim in pilots' units."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
-from gliderhpc.flight.hull_parameters import ONLY_IN_MANOEUVRES
+from gliderhpc.findings.formatting import with_deviation
+from gliderhpc.flight.hull_parameters import ONLY_IN_MANOEUVRES, HullParameter
 from gliderhpc.platform import Platform
 from gliderhpc.studies.hull import (
     HullSettings,
@@ -14,10 +16,12 @@ from gliderhpc.studies.hull import (
     agreeing_terms,
     change_in_units,
     combine_terms,
+    joint_in_units,
     read_terms,
 )
-from gliderhpc.surfacing.message import HullChange, Trim
-from gliderhpc.tuning.hull_changes import ErrorChange
+from gliderhpc.surfacing.message import HullChange, JointHullChange, JointPart, Trim
+from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE, ErrorChange
+from gliderhpc.tuning.joint_change import JointChange
 from gliderhpc.tuning.mission_hull import MissionHull
 
 IMPLAUSIBLE = 3.0
@@ -47,12 +51,15 @@ class RecentHull:
     warning : str
         Warnings about the values: where the depth rate of the steady glides contradicts them, and where they are too
         far from the platform file; otherwise empty.
+    joint : JointChange, optional
+        Change of any of these parameters; None with too few dives.
     """
 
     mission: MissionTerms
     combined: MissionHull
     changes: dict[int, ErrorChange | None]
     warning: str = ""
+    joint: JointChange | None = None
 
 
 def recent_hull(archive: Archive, number: int) -> RecentHull | None:
@@ -62,10 +69,10 @@ def recent_hull(archive: Archive, number: int) -> RecentHull | None:
         return None
     settings = HullSettings()
     mission, check = agreeing_terms(archive, mission, robust=settings.robust)
-    combined, changes = combine_terms(mission, settings)
+    combined, changes, joint = combine_terms(mission, settings)
     last = dict(zip((p.key for p in mission.parameters), combined.smoothed[-1].mean.tolist(), strict=True))
     warnings = ("" if check is None else check.warning, implausible_warning(last))
-    return RecentHull(mission, combined, changes, "; ".join(filter(None, warnings)))
+    return RecentHull(mission, combined, changes, "; ".join(filter(None, warnings)), joint)
 
 
 def implausible_warning(steps: Mapping[str, float]) -> str:
@@ -118,6 +125,87 @@ def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
             )
         )
     return tuple(changes)
+
+
+def joint_change(hull: RecentHull) -> JointHullChange | None:
+    """Return the change of any of the parameters that may change; None with too few dives."""
+    mission, combined = hull.mission, hull.combined
+    if hull.joint is None:
+        return None
+    first = {
+        p.key: p.moved(mission.platform, float(eta))
+        for p, eta in zip(mission.parameters, combined.smoothed[0].mean, strict=True)
+    }
+    found = joint_in_units(mission, combined, hull.joint)
+    return read_joint_change(found, mission.parameters, first, len(mission.terms))
+
+
+def read_joint_change(
+    found: Mapping[str, Any], parameters: Sequence[HullParameter], first: Mapping[str, float], dives: int
+) -> JointHullChange:
+    """Return the change of any parameter with texts, from attribute `gliderhpc.studies.hull.JOINT`.
+
+    Parameters
+    ----------
+    found : mapping
+        The attribute.
+    parameters : sequence of HullParameter
+        Parameters of the hull.
+    first : mapping of str to float
+        Their values at the first dive, by key.
+    dives : int
+        Number of dives used.
+    """
+    by_key = {p.key: p for p in parameters}
+    parts = tuple(
+        JointPart(
+            parameter=part["parameter"],
+            meaning=by_key[part["parameter"]].meaning,
+            included=part["included"],
+            size=size_text(by_key[part["parameter"]], first[part["parameter"]], part["change"], part["change_std"])
+            if "change" in part
+            else "",
+        )
+        for part in found["parts"]
+    )
+    return JointHullChange(
+        probability=found["probability"],
+        since=found["onset"],
+        since_low=found["onset_low"],
+        since_high=found["onset_high"],
+        step_probability=found["step_probability"],
+        combination_probability=found["combination_probability"],
+        parts=parts,
+        dives=dives,
+    )
+
+
+def size_text(p: HullParameter, first: float, total: float, std: float) -> str:
+    """Return a change with its standard deviation, of a factor in per cent of its first value, else in its unit."""
+    if p.factor:
+        return f"{100.0 * total / first:+.1f} % (± {100.0 * std / abs(first):.1f} %)"
+    return f"{with_deviation(total, std)} {p.unit}"
+
+
+def joint_sentence(joint: JointHullChange, *, named: bool) -> str:
+    """Return a sentence on the change of any parameter.
+
+    Parameters
+    ----------
+    joint : JointHullChange
+        The change.
+    named : bool
+        Whether the parameters that have changed are found one by one, so that the combination need not be named.
+    """
+    subject, probability = "hull as a whole", f"(probability {joint.probability:.3f})"
+    if joint.probability < POSSIBLE:
+        return f"{subject}: no change shown (probability {joint.probability:.2f})"
+    if named:
+        return f"{subject}: changed {joint.course} {probability}, as found for single parameters"
+    if joint.probability < PROBABLE:
+        return f"{subject}: something has possibly changed {joint.course} {probability}; {joint.cause}"
+    advice = "calibrate the dives before and after separately"
+    return f"{subject}: something has changed {joint.course} {probability}; {joint.cause}; {advice}"
 
 
 def probability_above(limit: float, mean: float, std: float) -> float:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gliderhpc.tuning.change_scatter import LEVELS, LOG_PRIOR, log_evidence, widened
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition
 from gliderhpc.tuning.mission_hull import HullPrior, ProfileTerm, changes_of
 from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
@@ -24,7 +25,8 @@ FORMS = ("step", "ramp")
 
 _PROBABILITY_OF_NO_CHANGE = 0.5
 """Prior probability that nothing changes."""
-_INTERVAL = (0.05, 0.5, 0.95)
+INTERVAL = (0.05, 0.5, 0.95)
+"""Levels of the onset's interval and median."""
 PROBABLE = 0.95
 """Minimum probability of a change that counts as found."""
 POSSIBLE = 0.8
@@ -33,7 +35,7 @@ _MIN_SCATTER = 0.3
 """Minimum ratio of the variance between profiles to their stated one; a few profiles can agree by chance."""
 _MIN_FREEDOM = 60
 """Degrees of freedom of all profiles at or above which a smaller scatter than stated is taken into account."""
-_MIN_PROFILES = 4
+MIN_PROFILES = 4
 """Minimum number of profiles; with fewer, a change cannot be distinguished from their scatter."""
 
 
@@ -116,18 +118,44 @@ def find_changes(
     While the suspect with the largest evidence is probable, it is accepted: the sizes of its most probable course, and
     of the same course of its companion, join the unknowns, and the remaining suspects are judged given them.
     """
-    if len(profiles) < _MIN_PROFILES:
+    if len(profiles) < MIN_PROFILES:
         return dict.fromkeys(suspects)
-    companions = companions or {}
+    return dict(single_changes(change_chains(profiles, suspects, prior, size, robust=robust), suspects, companions))
+
+
+def change_chains(
+    profiles: Sequence[ProfileTerm],
+    suspects: Sequence[int],
+    prior: HullPrior,
+    size: float = 1.0,
+    *,
+    robust: bool = True,
+) -> list["ChangeChain"]:
+    """Return a chain of the profiles for each assumption of the noise; the arguments are those of `find_changes`."""
     assumptions = _assumptions(profiles)
     parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(profiles)))
     free = _with_free_levels(prior, suspects, size)
-    chains = [_Chain(free, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
+    return [ChangeChain(free, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
+
+
+def single_changes(
+    chains: Sequence["ChangeChain"], suspects: Sequence[int], companions: Mapping[int, int] | None = None
+) -> dict[int, ErrorChange]:
+    """Accept changes one at a time, and judge the remaining suspects given those (`find_changes`).
+
+    The chains have the sizes of the accepted changes among their unknowns afterwards.
+    """
+    companions, onsets = companions or {}, chains[0].onsets
     changes: dict[int, ErrorChange] = {}
     remaining = list(suspects)
     while remaining:
         sought = {i: [chain.candidates(i, companions.get(i)) for chain in chains] for i in remaining}
-        changes |= {i: _mixture(each, len(profiles) - 1) for i, each in sought.items()}
+        sought |= {
+            i: [chain.candidates_with_scatter(i, companions.get(i)) for chain in chains]
+            for i, each in sought.items()
+            if _probability_of(each) >= POSSIBLE
+        }
+        changes |= {i: _mixture(each, onsets) for i, each in sought.items()}
         best = max(remaining, key=lambda i: float(np.mean([first.log_evidence for first, *_ in sought[i]])))
         if changes[best].probability < PROBABLE:
             break
@@ -167,7 +195,7 @@ def _parts(assumptions: Sequence[Sequence[ProfileTerm]], prior: HullPrior) -> Ar
     return np.where(walks[:, None], total(prior.walk).agreeing().part, constant.part) if walks.any() else constant.part
 
 
-class _Chain:
+class ChangeChain:
     """Profiles under one assumption of the noise, with the sizes of the accepted changes among the unknowns."""
 
     def __init__(
@@ -178,15 +206,69 @@ class _Chain:
         self._terms = [profile.term.weighted(weight) for profile, weight in zip(profiles, weights, strict=True)]
         self._shapes = np.concatenate([_shapes(profiles, form) for form in FORMS])
 
+    @property
+    def onsets(self) -> int:
+        """Number of profiles that may be the first changed one."""
+        return len(self._profiles) - 1
+
     def candidates(self, parameter: int, companion: int | None) -> list["_Candidates"]:
         """Candidates for the change of an error, alone and with its companion."""
-        walk = self._walk.copy()
-        walk[parameter] = 0.0
+        return self._candidates(self._terms, parameter, companion)
+
+    def candidates_with_scatter(self, parameter: int, companion: int | None) -> list["_Candidates"]:
+        """Candidates for the change of an error that also scatters from dive to dive, averaged over `LEVELS`."""
+        unchanged, by_level = [], []
+        for level in LEVELS:
+            terms = self._scattered({parameter: level})
+            unchanged.append(log_evidence(self._prior, self._changes((parameter,)), terms))
+            by_level.append(self._candidates(terms, parameter, companion))
+        return [_over_levels(LOG_PRIOR + unchanged, each) for each in zip(*by_level, strict=True)]
+
+    def scatter(self, parameter: int) -> float:
+        """Standard deviation (root mean square) of an error's scatter from dive to dive, in plausible deviations.
+
+        It is a mean over a changed and an unchanged error, which are equally probable before the dives.
+        """
+        evidence = []
+        for level in LEVELS:
+            terms = self._scattered({parameter: level})
+            (candidates,) = self._candidates(terms, parameter, None)
+            unchanged = log_evidence(self._prior, self._changes((parameter,)), terms)
+            evidence.append(unchanged + np.logaddexp(0.0, candidates.log_evidence))
+        log_weight = LOG_PRIOR + evidence
+        share = np.exp(log_weight - np.logaddexp.reduce(log_weight))
+        return float(np.sqrt(share @ np.square(LEVELS)))
+
+    def joint_likelihood(
+        self, parameters: Sequence[int], scatter: Mapping[int, float] | None = None
+    ) -> tuple[Array, Array, float]:
+        """Score and information of the sizes of errors that change together, as in `size_likelihood`.
+
+        The errors scatter from dive to dive by the standard deviations given. Also return the log evidence of the
+        dives without a change.
+        """
+        terms, changes = self._scattered(scatter or {}), self._changes(parameters)
+        likelihood = size_likelihood(self._prior, changes, terms, parameters, self._shapes)
+        return *likelihood, log_evidence(self._prior, changes, terms)
+
+    def _scattered(self, deviations: Mapping[int, float]) -> list[Information]:
+        """Information of the dives if some errors scatter from dive to dive, by the errors' standard deviations."""
+        deviation = np.zeros(len(self._prior.mean))
+        deviation[list(deviations)] = list(deviations.values())
+        return [widened(term, deviation) for term in self._terms]
+
+    def _candidates(self, terms: Sequence[Information], parameter: int, companion: int | None) -> list["_Candidates"]:
         changing = (parameter,) if companion is None else (parameter, companion)
-        changes = [_with_constants(each, len(self._prior.mean)) for each in changes_of(self._profiles, walk)]
-        score, information = size_likelihood(self._prior, changes, self._terms, changing, self._shapes)
+        changes = self._changes((parameter,))
+        score, information = size_likelihood(self._prior, changes, terms, changing, self._shapes)
         counts = range(1, len(changing) + 1)
         return [_candidates(score[:, :count], information[:, :count, :count], self._size) for count in counts]
+
+    def _changes(self, constant: Sequence[int]) -> list[Transition]:
+        """Changes between the profiles, without the random walk of some errors."""
+        walk = self._walk.copy()
+        walk[list(constant)] = 0.0
+        return [_with_constants(each, len(self._prior.mean)) for each in changes_of(self._profiles, walk)]
 
     def accept(self, parameters: Sequence[int], shape: int) -> None:
         """Add the sizes of a change of these errors, with one course, to the unknowns."""
@@ -234,6 +316,17 @@ def _candidates(score: Array, information: Array, size: float) -> _Candidates:
     mean = np.einsum("mkl,ml->mk", covariance, score)
     log_ratio = np.asarray(0.5 * np.sum(score * mean, axis=1) + 0.5 * np.linalg.slogdet(covariance / size**2)[1])
     return _Candidates(log_ratio, mean[:, 0], np.asarray(covariance[:, 0, 0]))
+
+
+def _over_levels(log_weight: Array, by_level: Sequence[_Candidates]) -> _Candidates:
+    """Average candidates over levels of the scatter, from the log weights (l,) of the levels without a change."""
+    each = log_weight[:, None] + [candidates.log_ratio for candidates in by_level]
+    evidence = np.logaddexp.reduce(each, axis=0)
+    share = np.exp(each - evidence)
+    sizes, variances = (np.array([getattr(c, name) for c in by_level]) for name in ("size", "variance"))
+    size = np.sum(share * sizes, axis=0)
+    variance = np.sum(share * (variances + (sizes - size) ** 2), axis=0)
+    return _Candidates(evidence - np.logaddexp.reduce(log_weight), size, variance)
 
 
 def _shapes(profiles: Sequence[ProfileTerm], form: str) -> Array:
@@ -305,15 +398,19 @@ def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> Error
     spread = float(np.sqrt(weight @ (variance + (size - total) ** 2)))
     by_form = weight.reshape(len(every), len(FORMS), onsets).sum(axis=0)
     by_onset = by_form.sum(axis=0).cumsum()
-    low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in _INTERVAL)
-    probability = float(np.mean([_probability(first.log_evidence) for first, *_ in assumptions]))
+    low, middle, high = (1 + int(np.searchsorted(by_onset, level)) for level in INTERVAL)
     return ErrorChange(
-        probability,
+        _probability_of(assumptions),
         total,
         spread,
         (low, min(middle, onsets), min(high, onsets)),
         float(by_form[FORMS.index("step")].sum()),
     )
+
+
+def _probability_of(assumptions: Sequence[Sequence[_Candidates]]) -> float:
+    """Probability of a change, which is the mean over equally plausible assumptions."""
+    return float(np.mean([probability_of_evidence(first.log_evidence) for first, *_ in assumptions]))
 
 
 def _weights(candidates: Sequence[_Candidates]) -> Array:
@@ -323,7 +420,7 @@ def _weights(candidates: Sequence[_Candidates]) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def _probability(log_evidence: float) -> float:
+def probability_of_evidence(log_evidence: float) -> float:
     """Posterior probability of a change with this log evidence relative to none."""
     odds = np.exp(min(log_evidence, 700.0)) * (1.0 - _PROBABILITY_OF_NO_CHANGE) / _PROBABILITY_OF_NO_CHANGE
     return float(odds / (1.0 + odds))

@@ -58,8 +58,8 @@ class Rules(_Section):
     next_surfacing_outside : Box, optional
         Box within which the next surfacing should be.
     hull_changed : float, optional
-        Lowest probability of a change of drag, lift, neutral volume or the pitch sensor that raises an alert, from the
-        second changed dive on.
+        Lowest probability of a change of drag, lift, neutral volume or the pitch sensor, or of any of these, that
+        raises an alert, from the second changed dive on.
     drag_up_fifth : float, optional
         Lowest probability of an increase in drag by more than a fifth that raises an alert, from the second changed
         dive on.
@@ -77,6 +77,7 @@ class Rules(_Section):
             return tuple(self._current(message))
         return (
             *self._current(message), *self._convergence(message), *self._next_surfacing(message), *self._hull(message),
+            *self._hull_as_a_whole(message),
         )  # fmt: skip
 
     def _current(self, message: SurfacingMessage) -> Iterator[str]:
@@ -117,6 +118,15 @@ class Rules(_Section):
                 and change.above_20_percent >= self.drag_up_fifth
             ):
                 yield f"drag up by more than 20 % (probability {change.above_20_percent:.3f}) since dive {change.since}"
+
+    def _hull_as_a_whole(self, message: SurfacingMessage) -> Iterator[str]:
+        """Yield a sentence on a change that the parameters show together, but none of them alone."""
+        joint, limit = message.hull_joint_change, self.hull_changed
+        if joint is None or limit is None or joint.probability < limit or joint.is_shown_only_by(message.profile):
+            return
+        if all(change.probability < limit for change in message.hull_changes):
+            probability = f"probability {joint.probability:.3f}"
+            yield f"hull as a whole: something has changed {joint.course} ({probability}); {joint.cause}"
 
 
 class Alerts(_Section):

@@ -131,8 +131,8 @@ def test_the_study_warns_first_and_stores_the_figures(brief_store, monkeypatch):
         prepared = study.prepare(request, archive, (), study.HullSettings())
     assert prepared.remarks[0].startswith("the values of the hull")
     assert prepared.attributes["depth_rate_check"]["divisor"] > 10.0
-    divided, _ = study.combine_terms(prepared.inputs, study.HullSettings())
-    whole, _ = study.combine_terms(MissionTerms(HULL, PARAMETERS, BIASED, ()), study.HullSettings())
+    divided, *_ = study.combine_terms(prepared.inputs, study.HullSettings())
+    whole, *_ = study.combine_terms(MissionTerms(HULL, PARAMETERS, BIASED, ()), study.HullSettings())
     drag = [p.key for p in PARAMETERS].index("viscous.K_D0")
     assert divided.std[-1, drag] > 2.0 * whole.std[-1, drag]
 
@@ -162,12 +162,12 @@ def test_the_sum_of_the_dives_is_computed_once(monkeypatch):
         sums.append(solve_mission(*args, **kwargs))
         return sums[-1]
 
-    alone, changes = study.combine_terms(MissionTerms(HULL, PARAMETERS, HONEST, ()), study.HullSettings())
+    alone, changes, _ = study.combine_terms(MissionTerms(HULL, PARAMETERS, HONEST, ()), study.HullSettings())
     monkeypatch.setattr(study, "read_glides", lambda *_: glides(0.0))
     monkeypatch.setattr(study, "solve_mission", counted)
     monkeypatch.setattr(module, "solve_mission", counted)
     mission, _ = agreeing_terms(None, MissionTerms(HULL, PARAMETERS, HONEST, ()), robust=True)
-    found, again = study.combine_terms(mission, study.HullSettings())
+    found, again, _ = study.combine_terms(mission, study.HullSettings())
     assert sums == [found]
     assert mission.undivided is found
     np.testing.assert_array_equal(found.eta, alone.eta)

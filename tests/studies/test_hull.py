@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ from gliderhpc.store_schema import check_archive, create_archive, create_study, 
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
-from gliderhpc.studies.hull import NAME, HullSettings, MissionTerms, combine_terms, mission_hull, read_terms
+from gliderhpc.studies.hull import JOINT, NAME, HullSettings, MissionTerms, combine_terms, mission_hull, read_terms
 from gliderhpc.studies.study import Plan, Preparation
 from gliderhpc.tuning.mission_hull import ProfileTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
@@ -46,7 +47,7 @@ def history_of(mission, content):
     changes = {name: ("suspect", values) for name, values in content.variables.items()}
     coordinates = {"profile": list(content.rows), "parameter": list(HULL_PARAMETERS), **content.labels}
     days = np.array([(d.time - START) / np.timedelta64(1, "D") for d in mission.terms])
-    return shown_hull.HullHistory(HULL, xr.Dataset({**columns, **changes}, coordinates), days)  # fmt: skip
+    return shown_hull.HullHistory(HULL, xr.Dataset({**columns, **changes}, coordinates, content.attributes), days)
 
 
 def test_values_are_those_of_the_sum_in_the_units_of_the_platform_file():
@@ -96,6 +97,61 @@ def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     )  # fmt: skip
     assert volume.key == "buoyancy.neutral_volume"
     assert volume.probability < 0.95
+
+
+def test_the_hull_as_a_whole_is_named_as_changed_possibly_changed_or_not():
+    """The sentence names the combination unless single parameters are found."""
+    mission, content = summed_up(dives(8, {}))
+    (line,) = shown_hull.joint_lines(history_of(mission, content))
+    assert line.startswith("hull as a whole: no change shown (probability 0.")
+    joint = content.attributes[JOINT]
+    assert {part["parameter"] for part in joint["parts"]} == {mission.parameters[i].key for i in mission.suspects}
+    joint |= {"probability": 0.9, "onset": 5, "onset_low": 3, "onset_high": 6, "step_probability": 0.2}
+    joint["combination_probability"] = 0.4
+    joint["parts"] = [
+        {"parameter": "viscous.K_D0", "included": 0.9, "change": 2.0, "change_std": 0.5},
+        {"parameter": "buoyancy.neutral_volume", "included": 0.5, "change": 14.0, "change_std": 4.0},
+        {"parameter": "viscous.K_L", "included": 0.2},
+    ]
+    history = history_of(mission, content)
+    (line,) = shown_hull.joint_lines(history)
+    assert "something has possibly changed gradually from profile 5 (3 to 6) (probability 0.900)" in line
+    first = float(history.series("estimate", "viscous.K_D0")[0])
+    assert "the dives do not show which parameters (probability of each: drag at zero angle of attack 0.90, " in line
+    assert f"combination is drag at zero angle of attack by +{200.0 / first:.1f} %" in line
+    assert line.endswith("and neutral oil volume by +14.0 ± 4.0 cm3 (0.40)")
+    assert "lift over angle of attack 0.20" in line
+    assert shown_hull._shown_jointly(history) == ()
+    joint["probability"] = 0.99
+    history = history_of(mission, content)
+    (line,) = shown_hull._shown_jointly(history)
+    assert "something has changed gradually" in line
+    assert line.endswith("calibrate the dives before and after separately")
+    content.variables["change_probability"][:] = 0.97
+    (line,) = shown_hull.joint_lines(history_of(mission, content))
+    assert line.endswith("(probability 0.990), as found for single parameters")
+
+
+def test_parameters_that_changed_together_may_differ_at_the_last_dive():
+    """Drag and lift whose effects nearly cancel: neither is found alone, and the sum allows both to change."""
+    course = np.clip((np.arange(24) - 11) / 12.0, 0.0, 1.0)
+    first, second = KEYS.index("viscous.K_D0"), KEYS.index("viscous.K_L")
+    terms = []
+    for term, part in zip(dives(24, {}, information=5.0), course, strict=True):
+        pair, apart = np.zeros(len(KEYS)), np.zeros(len(KEYS))
+        pair[[first, second]], apart[[first, second]] = 1.0, (part, -part)
+        like = 60.0 * np.outer(pair, pair)
+        noise = np.sqrt(60.0) * np.random.default_rng(len(terms)).standard_normal() * pair
+        score = term.score + like @ np.full(len(KEYS), 0.1) + (term.information + like) @ apart + noise
+        terms.append(replace(term, score=score, information=term.information + like))
+    mission = MissionTerms(HULL, PARAMETERS, tuple(terms), ())
+    found, changes, joint = combine_terms(mission, HullSettings())
+    assert joint.probability > 0.99
+    assert set(joint.combination) == {first, second}
+    assert max(change.probability for change in changes.values()) < 0.95
+    last = found.smoothed[-1]
+    for i, truth in ((first, 1.1), (second, -0.9)):
+        assert abs(last.mean[i] - truth) < 2.5 * last.std[i]
 
 
 def test_a_pilot_reads_grams_and_millimetres():
@@ -279,7 +335,7 @@ def test_the_battery_s_zero_may_move_with_the_weight(gradual):
             score = rows.T @ (rows @ now + rng.standard_normal(20))
             time = np.datetime64("2024-01-01") + np.timedelta64(12 * i, "h")
             dives.append(ProfileTerm(i + 1, time, np.zeros(len(keys)), score, rows.T @ rows))
-        found, changes = combine_terms(MissionTerms(hull, parameters, tuple(dives), ()), HullSettings())
+        found, changes, _ = combine_terms(MissionTerms(hull, parameters, tuple(dives), ()), HullSettings())
         assert changes[volume].probability > 0.9
         last = found.smoothed[-1]
         off.append((last.mean - now)[battery] / last.std[battery])

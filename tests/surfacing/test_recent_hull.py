@@ -8,13 +8,14 @@ from support.hull_dives import PARAMETERS, dives
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.platform import read_platform
+from gliderhpc.report.page.operator_summary import _changed_hull
 from gliderhpc.report.page.surfacing_page import surfacing_page
 from gliderhpc.report.studies import drift
 from gliderhpc.studies.hull import MissionTerms
 from gliderhpc.surfacing import recent_hull as module
 from gliderhpc.surfacing.dive_results import surfacing_message
-from gliderhpc.surfacing.message import HullChange
-from gliderhpc.surfacing.recent_hull import hull_changes, probability_above, recent_hull
+from gliderhpc.surfacing.message import HullChange, JointHullChange, JointPart
+from gliderhpc.surfacing.recent_hull import hull_changes, joint_change, probability_above, recent_hull
 from gliderhpc.watch.alerts import Rules
 
 HULL = read_platform("petrel-l")
@@ -32,7 +33,11 @@ def _news_at(swift_store, monkeypatch, number, course):
     monkeypatch.setattr(module, "agreeing_terms", lambda _, mission, **__: (mission, None))
     monkeypatch.setattr(module, "done_profiles", lambda _: list(range(1, COUNT + 1)))
     with open_for_reading(swift_store) as archive:
-        return {news.parameter: news for news in hull_changes(recent_hull(archive, number))}
+        recent = recent_hull(archive, number)
+    joint = joint_change(recent)
+    assert (joint is None) == (len(recent.mission.terms) < 4)
+    assert joint is None or joint.probability >= max(news.probability for news in hull_changes(recent))
+    return {news.parameter: news for news in hull_changes(recent)}
 
 
 @pytest.mark.compiled
@@ -77,6 +82,40 @@ def test_a_changed_hull_alerts_and_is_on_the_page(swift_store):
     assert other.startswith("drag up by more than 20 %")
     hull = next(section for section in surfacing_page(changed).sections if section.anchor == "hull")
     assert "probability 0.97" in str(hull.blocks)
+
+
+JOINT = JointHullChange(
+    probability=0.99, since=1, since_low=1, since_high=2, step_probability=0.1, combination_probability=0.5, dives=12,
+    parts=(
+        JointPart(parameter="viscous.K_D0", meaning="drag", included=0.9, size="+24.0 % (± 9.0 %)"),
+        JointPart(parameter="buoyancy.neutral_volume", meaning="neutral oil volume", included=0.6, size=""),
+    ),
+)  # fmt: skip
+
+
+@pytest.mark.compiled
+def test_a_change_that_no_parameter_shows_alone_alerts_and_is_on_the_page(swift_store):
+    with open_for_reading(swift_store) as archive:
+        message = surfacing_message(archive, 2)
+    assert message.hull_joint_change is None
+    doubtful = HullChange(
+        parameter="viscous.K_D0", meaning="drag", unit="kg/m", first=8.9, probability=0.9, change=2.5, change_std=0.3,
+        since=1, dives=12, above_20_percent=0.9,
+    )  # fmt: skip
+    changed = message.model_copy(update={"hull_changes": (doubtful,), "hull_joint_change": JOINT})
+    (alert,) = Rules(hull_changed=0.95).violations(changed)
+    assert alert.startswith("hull as a whole: something has changed gradually from profile 1 (1 to 2)")
+    assert "most probably drag by +24.0 % (± 9.0 %)" in alert
+    found = doubtful.model_copy(update={"probability": 0.96})
+    assert len(Rules(hull_changed=0.95).violations(changed.model_copy(update={"hull_changes": (found,)}))) == 1
+    last = JOINT.model_copy(update={"since": message.profile})
+    assert Rules(hull_changed=0.95).violations(changed.model_copy(update={"hull_joint_change": last})) == ()
+    hull = next(section for section in surfacing_page(changed).sections if section.anchor == "hull")
+    assert "something has changed gradually from profile 1" in str(hull.blocks)
+    assert "must confirm" not in str(hull.blocks)
+    (anomaly,) = _changed_hull(changed.model_copy(update={"hull_changes": ()}))
+    assert anomaly.startswith("hull as a whole: something has changed")
+    assert next(iter(_changed_hull(changed.model_copy(update={"hull_changes": (found,)})))).startswith("drag: changed")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.hull_dives import P, dive, information
 
+from gliderhpc.tuning.change_scatter import widened
 from gliderhpc.tuning.gaussian_chain import Gaussian, Information, Transition, solve_chain
 from gliderhpc.tuning.hull_changes import PROBABLE, _candidates, _parts, find_changes, size_likelihood
 from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
@@ -124,6 +125,43 @@ def _agreeing(seed, total):
         dives.append(replace(one, score=exact + 0.5 * (one.score - exact)))
     prior = HullPrior.plausible(np.array([0.02, 0.0, 0.0, 0.0, 0.0]))
     return [find_changes(dives, (0,), prior, robust=robust)[0] for robust in (True, False)]
+
+
+def _crossing_waves(seed, total=0.0):
+    """Return dives of which some, in packets of waves, have another second error, and whose first error may change."""
+    rng = np.random.default_rng([31, seed])
+    dives = []
+    for n, truth in enumerate(_course(16, 8, total, "step")):
+        apart = truth + np.array([0.0, 1.2 * rng.standard_normal() * (n % 2), 0.0, 0.0, 0.0])
+        dives.append(dive(rng, apart, n, rank=3, size=40.0, point=np.zeros(P)))
+    return dives
+
+
+def test_an_error_that_differs_from_dive_to_dive_has_not_changed():
+    """A few unusual dives near one end of the mission, each well determined, would pass for a step."""
+    prior = HullPrior.plausible(np.array([0.05, 0.02, 0.0, 0.0, 0.0]))
+    scattered = [find_changes(_crossing_waves(seed), (0, 1), prior)[1].probability for seed in range(20)]
+    assert np.mean(np.array(scattered) > PROBABLE) <= 0.05
+    assert np.median(scattered) < 0.5
+    changed = [find_changes(_crossing_waves(seed, 1.6), (0, 1), prior)[0].probability for seed in range(8)]
+    assert np.mean(np.array(changed) > PROBABLE) >= 0.75
+
+
+def test_information_with_scatter_is_the_integral_over_the_scatter():
+    """Log likelihood of a dive whose own unknowns differ from the mission's, by quadrature over the difference."""
+    rng = np.random.default_rng(8)
+    term = Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.4)
+    deviation = np.array([0.0, 0.7, 0.0, 0.0, 0.0])
+    found = widened(term, deviation)
+    difference = np.linspace(-8.0, 8.0, 4001) * deviation[1]
+    weight = np.exp(-0.5 * (difference / deviation[1]) ** 2) / deviation[1] / np.sqrt(2.0 * np.pi)
+    for _ in range(3):
+        x = rng.standard_normal(P)
+        at = x + difference[:, None] * (np.arange(P) == 1)
+        value = term.constant + at @ term.vector - 0.5 * np.einsum("ni,ij,nj->n", at, term.matrix, at)
+        expected = np.log(np.trapezoid(np.exp(value) * weight, difference))
+        assert found.constant + found.vector @ x - 0.5 * x @ found.matrix @ x == pytest.approx(expected, rel=1e-9)
+    assert widened(term, np.zeros(P)) is term
 
 
 def test_a_change_under_one_assumption_of_the_noise_is_not_certain():

@@ -21,6 +21,7 @@ from gliderhpc.studies.drift import NAME as DRIFT
 from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.surfacing.dive_results import surfacing_message
 from gliderhpc.surfacing.message import SurfacingMessage
+from gliderhpc.surfacing.recent_hull import joint_sentence
 from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 from gliderhpc.wording import counted
 
@@ -54,7 +55,10 @@ def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Paragraph]:
 
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
-    """Yield a sentence for each probable or possible change of the hull."""
+    """Yield a sentence for each probable or possible change of the hull, and for one that no parameter shows alone."""
+    joint, named = message.hull_joint_change, any(each.probability >= PROBABLE for each in message.hull_changes)
+    if joint is not None and joint.probability >= POSSIBLE and not named:
+        yield joint_sentence(joint, named=False)
     for change in message.hull_changes:
         if change.probability >= POSSIBLE:
             changed = "changed" if change.probability >= PROBABLE else "possibly changed"

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
-from gliderhpc.findings.formatting import with_deviation
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.platform import Platform
 from gliderhpc.report.studies.summaries import describe_data
@@ -28,8 +27,16 @@ from gliderhpc.studies.archived import (
     stored_attribute,
     study_table,
 )
-from gliderhpc.studies.hull import CHANGE_COLUMNS, NAME, STATEMENTS, SUSPECT
-from gliderhpc.surfacing.recent_hull import UNDETERMINED, PilotUnit, implausible_warning, pilot_units
+from gliderhpc.studies.hull import CHANGE_COLUMNS, JOINT, NAME, STATEMENTS, SUSPECT
+from gliderhpc.surfacing.recent_hull import (
+    UNDETERMINED,
+    PilotUnit,
+    implausible_warning,
+    joint_sentence,
+    pilot_units,
+    read_joint_change,
+    size_text,
+)
 from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 
 if TYPE_CHECKING:
@@ -168,7 +175,8 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
         return f"{p.meaning}: no change shown (probability {probability:.2f})"
     low, high = sorted((change["onset_low"], change["onset_high"]))
     form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
-    course = f"{form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by {_size(history, p, change)}"
+    size = size_text(p, float(history.series("estimate", p.key)[0]), change["change_total"], change["change_total_std"])
+    course = f"{form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by {size}"
     if probability < PROBABLE:
         return f"{p.meaning}: possibly changed {course} (probability {probability:.2f}); more dives can settle it"
     return (
@@ -177,12 +185,19 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     )
 
 
-def _size(history: HullHistory, p: HullParameter, change: dict[str, float]) -> str:
-    total, std = change["change_total"], change["change_total_std"]
-    if p.factor:
-        first = float(history.series("estimate", p.key)[0])
-        return f"{100.0 * total / first:+.1f} % (± {100.0 * std / abs(first):.1f} %)"
-    return f"{with_deviation(total, std)} {p.unit}"
+def joint_lines(history: HullHistory) -> tuple[str, ...]:
+    """Return a sentence on the change of any parameter; empty if it was not studied, as with too few dives."""
+    found = history.group.attrs.get(JOINT)
+    if found is None:
+        return ()
+    first = {p.key: float(history.series("estimate", p.key)[0]) for p in history.suspects}
+    joint = read_joint_change(found, history.suspects, first, len(history.days))
+    return (joint_sentence(joint, named=bool(_changed(history))),)
+
+
+def _changed(history: HullHistory) -> list[HullParameter]:
+    """Parameters that have probably changed, each judged by itself."""
+    return [p for p in history.suspects if history.change(p.key)["change_probability"] >= PROBABLE]
 
 
 def pilot_rows(history: HullHistory) -> tuple[Comparison, ...]:
@@ -251,7 +266,7 @@ def show(archive: Archive) -> Findings:
     history = read_history(archive, made.profiles)
     parameters = parameter_table(history)
     inflation = float(stored_attribute(archive, NAME, "inflation"))
-    verdict = verdict_lines(history)
+    verdict = (*joint_lines(history), *verdict_lines(history))
     doubted = known.loc[known["weight"] < _DOUBTED, "profile"].astype(int).tolist()
     comparisons = (
         *pilot_rows(history),
@@ -304,9 +319,16 @@ def change_findings(archive: Archive) -> tuple[bool, tuple[str, ...]] | None:
     drag = next((p for p in history.suspects if p.key == _DRAG), None)
     if drag is None or not np.isfinite(history.change(_DRAG)["change_probability"]):
         return None
-    changed = [p for p in history.suspects if history.change(p.key)["change_probability"] >= PROBABLE]
+    changed = _changed(history)
     others = [p for p in changed if p.key != _DRAG]
-    return bool(changed), tuple(_verdict(history, p) for p in (drag, *others))
+    joint = () if changed else _shown_jointly(history)
+    return bool(changed or joint), (*joint, *(_verdict(history, p) for p in (drag, *others)))
+
+
+def _shown_jointly(history: HullHistory) -> tuple[str, ...]:
+    """Return the sentence on the change of any parameter where a change is probable, otherwise nothing."""
+    found = history.group.attrs.get(JOINT)
+    return joint_lines(history) if found is not None and found["probability"] >= PROBABLE else ()
 
 
 @dataclass(frozen=True)
@@ -322,9 +344,19 @@ class StoredChange:
 
 
 def stored_changes(archive: Archive) -> tuple[StoredChange, ...] | None:
-    """Return the changes found by the complete study of an archive; None if there is no such study."""
+    """Return the changes found by the complete study of an archive; None if there is no such study.
+
+    A change that the parameters show only together has no key and no size.
+    """
     history = _stored_history(archive)
-    return None if history is None else notable_changes(history)
+    if history is None:
+        return None
+    joint = () if _changed(history) else _shown_jointly(history)
+    unknown = float("nan")
+    return (
+        *(StoredChange("", "", unknown, unknown, history.group.attrs[JOINT]["probability"], line) for line in joint),
+        *notable_changes(history),
+    )
 
 
 def notable_changes(history: HullHistory) -> tuple[StoredChange, ...]:
