@@ -14,7 +14,7 @@ from gliderhpc.tuning.record_checks.compass import (
     DEVIATION,
     MODELS,
     Leg,
-    _System,
+    LegSystem,
     compass_findings,
 )
 from gliderhpc.tuning.record_checks.turns import TurnInformation
@@ -55,7 +55,7 @@ def restricted_likelihood(legs, memory, ratio):
 def test_the_likelihood_is_that_of_the_contrasts():
     """Harville (1974): equal up to terms that do not depend on the covariance."""
     drawn = legs(3, np.random.default_rng(1).uniform(0.0, 360.0, 14))
-    system = _System(drawn, NO_TURNS, CHECKS)
+    system = LegSystem(drawn, NO_TURNS, CHECKS)
     design = np.column_stack([system._by_error, system._nuisance])
     prior, vector = np.eye(design.shape[1]), np.zeros(design.shape[1])
     ours = [system._posterior(design, prior, vector, memory, ratio)[0] for memory, ratio in LIKELIHOODS]
@@ -115,7 +115,7 @@ def some_turns():
 def test_errors_are_those_of_bayes_rule_at_the_best_current(directions, turns):
     """Legs, turns and plausible sizes in one linear model; memory and ratio those of the greatest likelihood."""
     drawn = legs(5, np.random.default_rng(6).uniform(0.0, 360.0, 12), (3.0, 5.0, -4.0, 0.0, 2.0))
-    system, count = _System(drawn, turns, CHECKS), directions.shape[1]
+    system, count = LegSystem(drawn, turns, CHECKS), directions.shape[1]
     fit = system.fitted(directions)
     memories, ratios = np.geomspace(3e3, 1e6, 9), [0.0, *np.geomspace(0.1, 100.0, 9)]
     blind = [Leg(leg.time, leg.current, leg.by_error @ directions, leg.by_speed) for leg in drawn]
@@ -132,7 +132,7 @@ def test_a_current_that_each_leg_has_alone_is_fitted_without_memory():
     drawn = legs(8, np.arange(0.0, 720.0, 24.0))
     for number, leg in enumerate(drawn):
         leg.current[:] = leg.by_error @ np.radians([2.0, 4.0, 0.0, 0.0, 0.0]) + 0.02 * (-1.0) ** number
-    fit = _System(drawn, NO_TURNS, CHECKS).fitted(MODELS[0])
+    fit = LegSystem(drawn, NO_TURNS, CHECKS).fitted(MODELS[0])
     values, covariance = dense_fit(drawn, NO_TURNS, 5, 1e5, 0.0)
     np.testing.assert_allclose(fit.values, values, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-6, atol=1e-12)
@@ -140,7 +140,7 @@ def test_a_current_that_each_leg_has_alone_is_fitted_without_memory():
 
 def test_wald_s_statistic_of_the_harmonics():
     drawn = legs(9, np.arange(0.0, 720.0, 24.0), (0.0, 8.0, 0.0, 0.0, 0.0))
-    system = _System(drawn, NO_TURNS, CHECKS)
+    system = LegSystem(drawn, NO_TURNS, CHECKS)
     for directions, rank in zip(MODELS, (4, 2, 0), strict=True):
         fit = system.fitted(directions)
         inner, seen = fit.covariance[1 : rank + 1, 1 : rank + 1], fit.values[1 : rank + 1]
@@ -181,7 +181,7 @@ OPPOSITE = np.resize([30.0, 210.0], 30)
 def test_the_constant_counts_by_student_s_t(headings, directions, basis):
     """Size and error of the fit whose directions the headings separate; legs less directions less one of freedom."""
     drawn = legs(4, headings, (6.0, 0.0, 0.0, 0.0, 0.0))
-    fit = _System(drawn, NO_TURNS, CHECKS).fitted(directions)
+    fit = LegSystem(drawn, NO_TURNS, CHECKS).fitted(directions)
     found = compass_findings(drawn, NO_TURNS, CHECKS)[0]
     error = np.degrees(np.sqrt(fit.covariance[0, 0]))
     assert found.remark == basis
@@ -216,7 +216,7 @@ def _numbers(suggestion):
 def test_the_deviation_counts_by_the_f_distribution(headings, directions, rank):
     """Its error is that of the amplitude in the estimated direction: amplitude over the root of Wald's statistic."""
     drawn, checks = legs(4, headings, (0.0, 15.0, -10.0, 0.0, 0.0)), CheckSettings(least_deviation=0.0)
-    fit = _System(drawn, NO_TURNS, checks).fitted(directions)
+    fit = LegSystem(drawn, NO_TURNS, checks).fitted(directions)
     found = compass_findings(drawn, NO_TURNS, checks)[1]
     amplitude = np.degrees(np.linalg.norm(fit.values[1:]))
     inner, seen = fit.covariance[1 : rank + 1, 1 : rank + 1], fit.values[1 : rank + 1]
@@ -256,10 +256,10 @@ def test_turns_determine_harmonics_that_opposite_legs_do_not():
 
 def test_a_direction_is_open_when_its_error_is_below_half_of_what_is_plausible():
     drawn = legs(4, THREE_HEADINGS)
-    errors = np.degrees(np.sqrt(np.diag(_System(drawn, NO_TURNS, CHECKS).fitted(MODELS[1]).covariance)))[:3]
+    errors = np.degrees(np.sqrt(np.diag(LegSystem(drawn, NO_TURNS, CHECKS).fitted(MODELS[1]).covariance)))[:3]
     for plausible, is_open in ((2.2 * errors.max(), True), (1.6 * errors.max(), False)):
         checks = CheckSettings(plausible_deviation=plausible)
-        fit = _System(drawn, NO_TURNS, checks).fitted(MODELS[1])
+        fit = LegSystem(drawn, NO_TURNS, checks).fitted(MODELS[1])
         largest = np.degrees(np.sqrt(np.diag(fit.covariance)[:3].max()))
         assert bool(largest < 0.5 * plausible) is is_open
         found = compass_findings(drawn, NO_TURNS, checks)[0]

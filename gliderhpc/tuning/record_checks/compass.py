@@ -106,7 +106,7 @@ MODELS = (np.eye(5), np.eye(5)[:, :3], np.eye(5)[:, :1])
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class CompassFit:
     """Errors of the compass (5,), the factors of 1 and `HARMONICS`, rad, their covariance, and estimated directions."""
 
     values: Array
@@ -179,7 +179,7 @@ def compass_findings(
             f"show, but at least {MIN_LEGS} are needed"
         )
         return [undetermined(CHECK, name, UNIT, reason) for name in (CONSTANT, DEVIATION)]
-    system = _System(legs, turns, checks)
+    system = LegSystem(legs, turns, checks)
     fits = [
         fit for fit in map(system.fitted, MODELS) if fit.largest_error < 0.5 * np.radians(checks.plausible_deviation)
     ]
@@ -190,12 +190,12 @@ def compass_findings(
     findings = [_constant(fits, len(legs), checks, made), _deviation(fits, len(legs), turns, checks, made)]
     tested = ([0], list(range(1, fits[0].unknowns)))
     return [
-        _undetermined_if_rotating(finding, system.model, fits[0].values, errors)
+        undetermined_if_rotating(finding, system.model, fits[0].values, errors)
         for finding, errors in zip(findings, tested, strict=True)
     ]
 
 
-def _undetermined_if_rotating(finding: Finding, model: CurrentModel, values: Array, tested: Sequence[int]) -> Finding:
+def undetermined_if_rotating(finding: Finding, model: CurrentModel, values: Array, tested: Sequence[int]) -> Finding:
     """Return a finding, or "not determined" if a rotating current explains the legs nearly as well."""
     if not finding.found or not is_explained_by_rotation(model, values, tested):
         return finding
@@ -260,26 +260,26 @@ def _velocities(legs: Sequence[Leg]) -> tuple[list[Array], list[Array]]:
     return [-leg.by_speed for leg in legs], [leg.current for leg in legs]
 
 
-def _largest_threshold(checks: CheckSettings) -> float:
+def largest_threshold(checks: CheckSettings) -> float:
     """Threshold (degree) beyond which an error of the compass that is not found is not ruled out either."""
     return max(checks.plausible_deviation, checks.least_deviation)
 
 
 def _first_decisive(findings: Sequence[Finding], checks: CheckSettings) -> int:
     """Index of the first finding with a threshold of at most a plausible error; the last if there is none."""
-    decisive = (index for index, finding in enumerate(findings) if finding.threshold <= _largest_threshold(checks))
+    decisive = (index for index, finding in enumerate(findings) if finding.threshold <= largest_threshold(checks))
     return next(decisive, len(findings) - 1)
 
 
-def _constant(fits: Sequence[_Fit], legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
+def _constant(fits: Sequence[CompassFit], legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
     findings = [_constant_of(fit, legs, checks, made) for fit in fits]
     chosen = _first_decisive(findings, checks)
     return undetermined_if_insensitive(
-        findings[chosen], _largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
+        findings[chosen], largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
     )
 
 
-def _constant_of(fit: _Fit, legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
+def _constant_of(fit: CompassFit, legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
     constant, error = np.degrees(fit.values[0]), np.degrees(np.sqrt(fit.covariance[0, 0]))
     threshold = max(fit.quantile(legs, checks.level) * error, checks.least_deviation)
     return Finding(
@@ -295,9 +295,9 @@ def _constant_of(fit: _Fit, legs: int, checks: CheckSettings, made: RecordSettin
     )
 
 
-def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
+def _more_legs(fit: CompassFit, legs: int, checks: CheckSettings) -> str:
     """Describe how many legs the constant needs if its error decreases with the square root of their number."""
-    error, largest = np.degrees(np.sqrt(fit.covariance[0, 0])), _largest_threshold(checks)
+    error, largest = np.degrees(np.sqrt(fit.covariance[0, 0])), largest_threshold(checks)
     sufficient = (
         number
         for number in range(legs + 1, 10 * legs)
@@ -308,17 +308,19 @@ def _more_legs(fit: _Fit, legs: int, checks: CheckSettings) -> str:
 
 
 def _deviation(
-    fits: Sequence[_Fit], legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings
+    fits: Sequence[CompassFit], legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings
 ) -> Finding:
     findings = [_deviation_of(fit, legs, turns, checks, made) for fit in fits if fit.unknowns > 1]
     if not findings:
         reason = f"{counted(legs, 'leg')}: too few headings, or currents that differ too much"
         return undetermined(CHECK, DEVIATION, UNIT, reason)
     remedy = f"{counted(legs, 'leg')} and {turns.count} stretches of turns, but more are needed"
-    return undetermined_if_insensitive(findings[_first_decisive(findings, checks)], _largest_threshold(checks), remedy)
+    return undetermined_if_insensitive(findings[_first_decisive(findings, checks)], largest_threshold(checks), remedy)
 
 
-def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings) -> Finding:
+def _deviation_of(
+    fit: CompassFit, legs: int, turns: TurnInformation, checks: CheckSettings, made: RecordSettings
+) -> Finding:
     harmonic_indices = np.arange(1, 5)
     statistic, rank = fit.test(harmonic_indices)
     values = np.degrees(fit.values[harmonic_indices])
@@ -344,7 +346,7 @@ def _deviation_of(fit: _Fit, legs: int, turns: TurnInformation, checks: CheckSet
     )
 
 
-class _System:
+class LegSystem:
     """Linear model of the legs' currents in the errors to estimate."""
 
     def __init__(self, legs: Sequence[Leg], turns: TurnInformation, checks: CheckSettings) -> None:
@@ -368,7 +370,8 @@ class _System:
         )
         self._prior = np.radians(checks.plausible_deviation) ** -2.0
 
-    def fitted(self, directions: Array) -> _Fit:
+    def fitted(self, directions: Array) -> CompassFit:
+        """Estimate some directions of the errors, with the current of the greatest restricted likelihood."""
         design = np.column_stack([self._by_error @ directions, self._nuisance])
         width = directions.shape[1]
         prior = np.diag([*[self._prior] * width, 0.0, 0.0, _SPEED_ERROR**-2.0])
@@ -380,7 +383,7 @@ class _System:
             key=lambda candidate: candidate[0],
         )
         values, covariance = best[1][:width], best[2][:width, :width]
-        return _Fit(directions @ values, directions @ covariance @ directions.T, directions)
+        return CompassFit(directions @ values, directions @ covariance @ directions.T, directions)
 
     def _posterior(
         self, design: Array, prior: Array, turn_vector: Array, memory: float, ratio: float

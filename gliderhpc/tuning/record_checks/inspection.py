@@ -22,6 +22,7 @@ from gliderhpc.observations import Fix, Observations, ProfileRecord, ProfileSeri
 from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import Platform
 from gliderhpc.tuning.record_checks.compass import Leg, compass_findings, leg_of, sense_finding
+from gliderhpc.tuning.record_checks.compass_change import change_finding
 from gliderhpc.tuning.record_checks.finding import (
     CheckSettings,
     Finding,
@@ -297,6 +298,7 @@ def inspect_profiles(
         lag_finding(platform, list(inputs.series.values()), settings, checks),
         *pitch_findings(platform, segments, checks, settings.records),
         *compass_findings(inputs.legs, turns, checks, settings.records),
+        change_finding(inputs.legs, checks),
         sense_finding(inputs.legs, checks),
         fix_finding(inputs.surfacings, current),
     ]
