@@ -187,7 +187,11 @@ def size_text(p: HullParameter, first: float, total: float, std: float) -> str:
     return f"{with_deviation(total, std)} {p.unit}"
 
 
-def joint_sentence(joint: JointHullChange, *, named: bool) -> str:
+MUST_BE_CONFIRMED = "only the last dive shows it, which is often an effect of the water, and the next must confirm it"
+"""Remark on a change that begins with the last dive."""
+
+
+def joint_sentence(joint: JointHullChange, *, named: bool, last: int) -> str:
     """Return a sentence on the change of any parameter.
 
     Parameters
@@ -196,16 +200,19 @@ def joint_sentence(joint: JointHullChange, *, named: bool) -> str:
         The change.
     named : bool
         Whether the parameters that have changed are found one by one, so that the combination need not be named.
+    last : int
+        Number of the last dive.
     """
     subject, probability = "hull as a whole", f"(probability {joint.probability:.3f})"
     if joint.probability < POSSIBLE:
         return f"{subject}: no change shown (probability {joint.probability:.2f})"
     if named:
         return f"{subject}: changed {joint.course} {probability}, as found for single parameters"
-    if joint.probability < PROBABLE:
-        return f"{subject}: something has possibly changed {joint.course} {probability}; {joint.cause}"
-    advice = "calibrate the dives before and after separately"
-    return f"{subject}: something has changed {joint.course} {probability}; {joint.cause}; {advice}"
+    possibly = "" if joint.probability >= PROBABLE else " possibly"
+    line = f"{subject}: something has{possibly} changed {joint.course} {probability}; {joint.cause}"
+    if joint.is_shown_only_by(last):
+        return f"{line}; {MUST_BE_CONFIRMED}"
+    return line if possibly else f"{line}; calibrate the dives before and after separately"
 
 
 def probability_above(limit: float, mean: float, std: float) -> float:

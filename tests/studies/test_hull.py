@@ -74,6 +74,20 @@ def test_a_change_is_named_as_certain_possible_or_not_shown(probability, words):
     assert all(words in line for line in shown_hull.verdict_lines(history_of(mission, content)))
 
 
+def test_a_change_that_only_the_last_dive_shows_has_to_be_confirmed():
+    """A single unusual dive is often an effect of the water; calibrating it alone would be of no use."""
+    mission, content = summed_up(dives(6, {}))
+    content.variables["change_probability"][:] = 0.97
+    content.variables["onset"][:] = 6
+    lines = shown_hull.verdict_lines(history_of(mission, content))
+    assert all(line.endswith("the next must confirm it") and "calibrate" not in line for line in lines)
+    joint = content.attributes[JOINT]
+    joint |= {"probability": 0.97, "onset": 6}
+    content.variables["change_probability"][:] = 0.1
+    (line,) = shown_hull.joint_lines(history_of(mission, content))
+    assert line.endswith("the next must confirm it")
+
+
 def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     """A ramp of the drag from profile 14 on, +27 % at the end."""
     course = np.clip((np.arange(30) - 12) / 17.0, 0.0, 1.0) * 0.6

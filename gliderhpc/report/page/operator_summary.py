@@ -21,7 +21,7 @@ from gliderhpc.studies.drift import NAME as DRIFT
 from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.surfacing.dive_results import surfacing_message
 from gliderhpc.surfacing.message import SurfacingMessage
-from gliderhpc.surfacing.recent_hull import joint_sentence
+from gliderhpc.surfacing.recent_hull import MUST_BE_CONFIRMED, joint_sentence
 from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 from gliderhpc.wording import counted
 
@@ -58,12 +58,13 @@ def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
     """Yield a sentence for each probable or possible change of the hull, and for one that no parameter shows alone."""
     joint, named = message.hull_joint_change, any(each.probability >= PROBABLE for each in message.hull_changes)
     if joint is not None and joint.probability >= POSSIBLE and not named:
-        yield joint_sentence(joint, named=False)
+        yield joint_sentence(joint, named=False, last=message.profile)
     for change in message.hull_changes:
         if change.probability >= POSSIBLE:
             changed = "changed" if change.probability >= PROBABLE else "possibly changed"
             since = f"{changed} since profile {change.since}, by {change.size_text}"
-            yield f"{change.meaning}: {since} (probability {change.probability:.2f})"
+            confirm = f"; {MUST_BE_CONFIRMED}" if change.is_shown_only_by(message.profile) else ""
+            yield f"{change.meaning}: {since} (probability {change.probability:.2f}){confirm}"
 
 
 def _drift(archive: Archive) -> Iterator[str]:

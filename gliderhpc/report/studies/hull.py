@@ -29,6 +29,7 @@ from gliderhpc.studies.archived import (
 )
 from gliderhpc.studies.hull import CHANGE_COLUMNS, JOINT, NAME, STATEMENTS, SUSPECT
 from gliderhpc.surfacing.recent_hull import (
+    MUST_BE_CONFIRMED,
     UNDETERMINED,
     PilotUnit,
     implausible_warning,
@@ -179,6 +180,8 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     course = f"{form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by {size}"
     if probability < PROBABLE:
         return f"{p.meaning}: possibly changed {course} (probability {probability:.2f}); more dives can settle it"
+    if change["onset"] >= _last_dive(history):
+        return f"{p.meaning}: changed {course} (probability {probability:.3f}); {MUST_BE_CONFIRMED}"
     return (
         f"{p.meaning}: changed {course} (probability {probability:.3f}); the currents are those of one hull for all "
         "profiles, so calibrate those before and after the change separately"
@@ -192,7 +195,12 @@ def joint_lines(history: HullHistory) -> tuple[str, ...]:
         return ()
     first = {p.key: float(history.series("estimate", p.key)[0]) for p in history.suspects}
     joint = read_joint_change(found, history.suspects, first, len(history.days))
-    return (joint_sentence(joint, named=bool(_changed(history))),)
+    return (joint_sentence(joint, named=bool(_changed(history)), last=_last_dive(history)),)
+
+
+def _last_dive(history: HullHistory) -> int:
+    """Number of the last dive with information on the hull."""
+    return int(history.group["profile"].values[-1])
 
 
 def _changed(history: HullHistory) -> list[HullParameter]:
