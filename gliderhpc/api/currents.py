@@ -1,6 +1,6 @@
 """Depth-averaged currents from pitch, heading, depth and GPS fixes alone: no ballast, calibration or compilation."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.currents import describe_implausible_current
 from gliderhpc.estimation.glide_currents import GlideErrors, GlideTrack, check_depth_rate, check_speed, glide_track
 from gliderhpc.estimation.measured_glide import with_measured_attack
+from gliderhpc.estimation.span_currents import with_span_currents
 from gliderhpc.flight.glide_polar import GlidePolar, polar_of_hull, polar_of_make
 from gliderhpc.observations.files.foreign import name_compressed
 from gliderhpc.observations.files.tables import is_table, read_table
@@ -95,6 +96,7 @@ def estimate_currents(
         raise InputError(
             f"{navigation.source}: no profile can be used; {most_frequent_reason(dive.fault for dive in dives)}"
         )
+    dives = _with_span_currents(dives, navigation, chosen)
     remarks = (*navigation.remarks, *remarks, *check_speed(navigation.source, tracks))
     return currents_dataset(replace(navigation, remarks=remarks), dives, polar, chosen)
 
@@ -110,6 +112,17 @@ def _estimate_dive(
     doubts = describe_false_samples(track.series)
     doubts += [] if track.current is None else describe_implausible_current(track.current.velocity)
     return EstimatedDive(record, track, "; ".join([*record.notes, *doubts]))
+
+
+def _with_span_currents(
+    dives: Sequence[EstimatedDive], navigation: Navigation, errors: GlideErrors
+) -> list[EstimatedDive]:
+    """Add the mean currents of dives without a fix between them, and remarks on them."""
+    tracks, notes = with_span_currents([(dive.record, dive.track) for dive in dives], navigation, errors)
+    return [
+        replace(dive, track=track, note="; ".join(filter(None, [dive.note, notes.get(dive.record.number)])))
+        for dive, track in zip(dives, tracks, strict=True)
+    ]
 
 
 def _track(record: ProfileRecord, faults: Mapping[int, str], polar: GlidePolar, errors: GlideErrors) -> GlideTrack:

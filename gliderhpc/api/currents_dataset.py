@@ -89,7 +89,7 @@ def currents_dataset(
 
 def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str, Any]:
     current = None if track is None else track.current
-    fixes = {"entry": record.entry_fix, "exit": record.exit_fix}
+    fixes = dict(zip(_ENDS, (record.entry_fix, record.exit_fix) if track is None else track.fixes, strict=True))
     no_fix = Fix(np.datetime64("NaT", "ns"), np.nan, np.nan)
     row = {
         "profile": record.number,
@@ -106,6 +106,8 @@ def _row(record: ProfileRecord, track: GlideTrack | None, note: str) -> dict[str
         row |= current_row(current, "dac_{}", "dac_covariance")
     return row | surface_drift_row(record)
 
+
+_ENDS = ("entry", "exit")
 
 _FROM_FIXES = (
     "dac_north", "dac_east", "dac_north_std", "dac_east_std", "dac_covariance", "surface_drift_north",
@@ -144,7 +146,7 @@ def _samples(record: ProfileRecord, track: GlideTrack | None) -> dict[str, NDArr
     missing = np.full(count, np.nan)
     if track is None:
         return values | dict.fromkeys(("latitude", "longitude", "speed_through_water", "angle_of_attack"), missing)
-    latitude, longitude = positions(record, track)
+    latitude, longitude = positions(track)
     on_points = {
         "latitude": latitude,
         "longitude": np.unwrap(longitude, period=360.0),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_uncertainty
 from gliderhpc.estimation.self_motion import SelfMotion
 from gliderhpc.observations import cycle_boundaries
-from gliderhpc.observations.dive_phases import unrecorded_variance
+from gliderhpc.observations.dive_phases import distance_to_surface
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
@@ -326,14 +326,10 @@ class _FixToFixDrift:
 
 def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors) -> _FixToFixDrift | None:
     """Displacement and time from fix to fix less the drift at the surface, or None unless both sides have a fix."""
-    if record.entry_fix is None or record.exit_fix is None:
-        return None
     begin, end = float(clock[0]), float(clock[-1])
-    duration = begin - _seconds(record.entry_fix, record), _seconds(record.exit_fix, record) - end
-    rows = (record.time >= begin) & (record.time <= end)
-    unrecorded = unrecorded_variance(record.time[rows], record.depth[rows], record.pitch[rows], duration)
-    before = _surface_interval(duration[0], record.surface_fixes_before, unrecorded[0], errors)
-    after = _surface_interval(duration[1], record.surface_fixes_after, unrecorded[1], errors)
+    before, after = surface_interval_before(record, clock, errors), surface_interval_after(record, clock, errors)
+    if record.entry_fix is None or record.exit_fix is None or before is None or after is None:
+        return None
     return _FixToFixDrift(
         moved=local_displacement(record.entry_fix, record.exit_fix) - before.displacement - after.displacement,
         begin=begin - before.duration + before.drift_removed,
@@ -341,6 +337,33 @@ def _fix_to_fix_drift(record: ProfileRecord, clock: Array, errors: CurrentErrors
         entry=before,
         exit=after,
     )
+
+
+def surface_interval_before(record: ProfileRecord, clock: Array, errors: CurrentErrors) -> SurfaceInterval | None:
+    """Return the interval between the last fix before a dive and its start, or None without a fix.
+
+    `clock` are times (s since the profile's first sample), of which the first and the last are those of the dive.
+    """
+    if record.entry_fix is None:
+        return None
+    duration = float(clock[0]) - _seconds(record.entry_fix, record)
+    unrecorded = distance_to_surface(*_rows_within(record, clock), duration, "start") ** 2
+    return _surface_interval(duration, record.surface_fixes_before, unrecorded, errors)
+
+
+def surface_interval_after(record: ProfileRecord, clock: Array, errors: CurrentErrors) -> SurfaceInterval | None:
+    """Return the interval between the end of a dive and the first fix after it (`surface_interval_before`)."""
+    if record.exit_fix is None:
+        return None
+    duration = _seconds(record.exit_fix, record) - float(clock[-1])
+    unrecorded = distance_to_surface(*_rows_within(record, clock), duration, "end") ** 2
+    return _surface_interval(duration, record.surface_fixes_after, unrecorded, errors)
+
+
+def _rows_within(record: ProfileRecord, clock: Array) -> tuple[Array, Array, Array]:
+    """Times, depth and pitch of a record's rows from the first to the last of some times."""
+    rows = (record.time >= clock[0]) & (record.time <= clock[-1])
+    return record.time[rows], record.depth[rows], record.pitch[rows]
 
 
 def _surface_interval(

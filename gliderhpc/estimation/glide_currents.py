@@ -76,6 +76,49 @@ class GlideErrors:
 
 
 @dataclass(frozen=True, eq=False)
+class DisplacementErrors:
+    """Errors of a displacement through the water, without that of the course.
+
+    Attributes
+    ----------
+    common : (k, 2)
+        Displacements north and east by errors of one standard deviation that all dives have in common, m.
+    independent : (2, 2)
+        Covariance by errors that differ from dive to dive, m2.
+    """
+
+    common: Array
+    independent: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance ``(2, 2)`` of the displacement, m2."""
+        return np.asarray(self.common.T @ self.common + self.independent)
+
+    def __add__(self, other: "DisplacementErrors") -> "DisplacementErrors":
+        return DisplacementErrors(self.common + other.common, self.independent + other.independent)
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """Position from which the track of a dive is reckoned.
+
+    Attributes
+    ----------
+    fix : Fix
+        Fix before the dive, or before the first of several.
+    displacement : (2,)
+        Displacement north and east from the fix to the start of the dive, without that by the current of the dive, m.
+    adrift : float
+        Time before the start of the dive for which that current acted, s.
+    """
+
+    fix: Fix
+    displacement: Array
+    adrift: float
+
+
+@dataclass(frozen=True, eq=False)
 class GlideTrack:
     """Flight of one profile from the glide angle, on ``n + 1`` points about `STEP` apart.
 
@@ -87,15 +130,27 @@ class GlideTrack:
         Displacement through the water.
     angle_of_attack, speed : (n + 1,) arrays
         Angle of attack (rad) and speed (m/s); NaN where the path is flatter than the hull can glide.
+    errors : DisplacementErrors
+        Errors of the displacement.
     current : DepthAveragedCurrent or None
-        Depth-averaged current; None unless there is a fix on both sides.
+        Depth-averaged current, of the dive or of several (`dives`); None without fixes before and after.
+    fixes : tuple of two Fixes or None
+        Fixes before and after the dive, or before the first and after the last of several.
+    origin : Origin or None
+        Position from which the track is reckoned; None without a current.
+    dives : tuple of int
+        Numbers of the profiles over which the current is a mean; empty if it is that of this profile alone.
     """
 
     series: ProfileSeries
     motion: SelfMotion
     angle_of_attack: Array
     speed: Array
+    errors: DisplacementErrors
     current: DepthAveragedCurrent | None
+    fixes: tuple[Fix | None, Fix | None]
+    origin: Origin | None
+    dives: tuple[int, ...] = ()
 
 
 def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform], errors: GlideErrors) -> GlideTrack:
@@ -119,12 +174,16 @@ def glide_track(record: ProfileRecord, hulls: tuple[Platform, Platform, Platform
     motion = _motion(hulls[0], series)
     if not np.isfinite(motion.total).all() or motion.masked_fraction >= 1.0:
         raise ProfileError(f"profile {record.number}: no part is steep enough for a glide")
-    covariance = _displacement_covariance(hulls, series, motion, errors)
-    current = current_from_displacement(record, series.time, motion.total, covariance, errors.of_current)
+    displaced = _displacement_errors(hulls, series, motion, errors)
+    current = current_from_displacement(record, series.time, motion.total, displaced.covariance, errors.of_current)
+    entry, origin = record.entry_fix, None
+    if current is not None and entry is not None:
+        drifting = current.entry.duration - current.entry.drift_removed
+        origin = Origin(entry, current.entry.displacement, drifting)
     alpha = angle_of_attack(hulls[0], series.measurements[:, 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         speed = np.abs(depth_rate(series) / np.sin(series.measurements[:, 1] - alpha))
-    return GlideTrack(series, motion, alpha, speed, current)
+    return GlideTrack(series, motion, alpha, speed, displaced, current, (entry, record.exit_fix), origin)
 
 
 def on_points(record: ProfileRecord) -> ProfileSeries:
@@ -152,42 +211,43 @@ def _motion(platform: Platform, series: ProfileSeries, pitch_offset: float = 0.0
     return glide_angle_motion(platform, replace(series, measurements=shifted), series.weights == 0.0)
 
 
-def _displacement_covariance(
+def _displacement_errors(
     hulls: tuple[Platform, Platform, Platform], series: ProfileSeries, motion: SelfMotion, errors: GlideErrors
-) -> Array:
-    """Covariance ``(2, 2)`` of the displacement through the water, m2, without the error of the course.
+) -> DisplacementErrors:
+    """Errors of the displacement through the water.
 
-    The drag and a constant error of the pitch act on the whole profile, and the water's vertical velocity on dive and
-    climb separately. The bridged displacement has an error relative to its length, and the displacement in stationary
-    time one in proportion to that time.
+    The drag and a constant error of the pitch act on all profiles, and the water's vertical velocity on dive and climb
+    separately. The bridged displacement has an error relative to its length, and the displacement in stationary time
+    one in proportion to that time. The same applies to time at the surface between two dives, where the drift differs
+    from the current below.
     """
     by_drag = 0.5 * (_motion(hulls[1], series).total - _motion(hulls[2], series).total)
     by_pitch = 0.5 * (
         _motion(hulls[0], series, errors.pitch_offset).total - _motion(hulls[0], series, -errors.pitch_offset).total
     )
-    covariance = np.outer(by_drag, by_drag) + np.outer(by_pitch, by_pitch)
+    covariance = np.zeros((2, 2))
     rate = np.where(stationary_points(series)[:-1], 0.0, np.diff(series.measurements[:, 3]) / series.step)
     for phase in (rate > 0.0, rate < 0.0):
         length, climbed = motion.steps[phase].sum(axis=0), float(np.abs(rate[phase]).sum()) * series.step
         relative = errors.vertical * float(phase.sum()) * series.step / climbed if climbed > 0.0 else 0.0
         covariance += relative**2 * np.outer(length, length)
     in_any_direction = (errors.bridged * motion.bridged) ** 2 + (errors.stationary * motion.stationary) ** 2
-    return np.asarray(covariance + in_any_direction * np.eye(2))
+    in_any_direction += (errors.surface_shear * motion.floating) ** 2
+    return DisplacementErrors(np.array([by_drag, by_pitch]), covariance + in_any_direction * np.eye(2))
 
 
-def positions(record: ProfileRecord, track: GlideTrack) -> tuple[Array, Array]:
+def positions(track: GlideTrack) -> tuple[Array, Array]:
     """Latitude and longitude ``(n + 1,)`` under water (degree), from the glide and the current, between the fixes.
 
     They are NaN if there is no current.
     """
-    current, entry = track.current, record.entry_fix
-    if current is None or entry is None:
+    current, origin = track.current, track.origin
+    if current is None or origin is None:
         missing = np.full(len(track.series.time), np.nan)
         return missing, missing.copy()
     displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(track.motion.steps, axis=0)])
-    drifting = current.entry.duration - current.entry.drift_removed
-    elapsed = track.series.time - track.series.time[0] + drifting
-    return _positions_at(entry, current.entry.displacement + displacement + elapsed[:, None] * current.velocity)
+    elapsed = track.series.time - track.series.time[0] + origin.adrift
+    return _positions_at(origin.fix, origin.displacement + displacement + elapsed[:, None] * current.velocity)
 
 
 def _positions_at(origin: Fix, displacement: Array) -> tuple[Array, Array]:

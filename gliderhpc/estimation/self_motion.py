@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.flight.steady_glide import best_angle_of_attack, imbalance, imbalance_slope, zero_lift_angle
-from gliderhpc.observations.dive_phases import stationary_points
+from gliderhpc.observations.dive_phases import floating_points, stationary_points
 from gliderhpc.observations.profiles import stretches
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.platform import Platform
@@ -148,6 +148,8 @@ class SelfMotion:
         Length (m) of the displacement that was interpolated over those intervals.
     stationary : float
         Time (s) in which the glider was stationary and has no displacement (`stationary_points`).
+    floating : float
+        Time (s) at the surface between two dives, in which the glider has no displacement (`floating_points`).
     masked_fraction : float
         Share of the steps outside the vibration set and stationary time without a solution of their own.
     """
@@ -155,6 +157,7 @@ class SelfMotion:
     steps: Array
     bridged: float
     stationary: float = 0.0
+    floating: float = 0.0
     masked_fraction: float = 0.0
 
     @property
@@ -177,21 +180,26 @@ def glide_angle_motion(platform: Platform, series: ProfileSeries, vibrating: NDA
     """Displacement by the glide-angle method (eq. 15): pitch and depth rate give the speed, the compass the course.
 
     Samples flatter than the hull's minimum glide angle have no solution. They are bridged like the vibration set, and
-    their share is recorded (`SelfMotion.masked_fraction`). A stationary glider has no motion of its own.
+    their share is recorded (`SelfMotion.masked_fraction`). A stationary glider has no motion of its own, nor has one
+    that floats at the surface between two dives.
     """
     _, theta, psi, _ = series.measurements[:-1].T
     # A measured velocity would show by itself whether a glider at one depth moves, as with a thruster.
     stationary = stationary_points(series)[:-1] & (series.velocity is None)
+    floating = floating_points(series)[:-1] & ~stationary
     speed = horizontal_speed(platform, theta, depth_rate(series)[:-1])
     unsolved = ~np.isfinite(speed)
     steps = series.step * np.column_stack([speed * np.cos(psi), speed * np.sin(psi)])
-    steps[stationary] = 0.0
-    steady = ~vibrating[:-1] & ~stationary
-    unusable = (unsolved | vibrating[:-1]) & ~stationary
+    still = stationary | floating
+    steps[still] = 0.0
+    steady = ~vibrating[:-1] & ~still
+    unusable = (unsolved | vibrating[:-1]) & ~still
     bridged = bridge(np.where(unusable[:, None], 0.0, steps), unusable, round(BRIDGE / series.step))
     masked = float(unsolved[steady].mean()) if steady.any() else 1.0
     length = float(np.linalg.norm(bridged[unusable].sum(axis=0)))
-    return SelfMotion(bridged, length, float(stationary.sum()) * series.step, masked)
+    return SelfMotion(
+        bridged, length, float(stationary.sum()) * series.step, float(floating.sum()) * series.step, masked
+    )
 
 
 def bridge(steps: Array, unusable: NDArray[np.bool_], reach: int) -> Array:

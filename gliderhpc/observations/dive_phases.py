@@ -12,7 +12,8 @@ import numpy.typing as npt
 import scipy.ndimage
 
 from gliderhpc.observations.nearest import nearest_rows
-from gliderhpc.observations.profiles import SURFACE_MARGIN, stretches
+from gliderhpc.observations.profiles import MIN_DEPTH as MIN_DIVE
+from gliderhpc.observations.profiles import SURFACE_DEPTH, SURFACE_MARGIN, stretches
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.observations.series import ProfileSeries
 
@@ -62,6 +63,49 @@ def stationary_points(series: ProfileSeries) -> Mask:
     for begin, stop in series.rests:
         stationary[begin:stop] = True
     return stationary
+
+
+MIN_AFLOAT, MAX_UNRECORDED = 60.0, 1800.0
+"""Minimum time (s) at the surface between two dives of one profile, and maximum pause of the record there: in a longer
+one the glider may have dived."""
+
+
+def floating_points(series: ProfileSeries) -> Mask:
+    """Mask ``(n + 1,)`` of the points at which the glider floats at the surface between two dives of the profile.
+
+    Pauses of the record that begin and end at the surface count, up to `MAX_UNRECORDED`.
+    """
+    floating = np.zeros(len(series.time), dtype=bool)
+    for begin, stop in _surfacings(series.time, series.measurements[:, 3]):
+        pauses = [(last - first) * series.step for first, last in stretches(series.weights[begin:stop] == 0.0)]
+        if max(pauses, default=0.0) <= MAX_UNRECORDED:
+            floating[begin:stop] = True
+    return floating
+
+
+def _surfacings(time: FloatArray, depth: FloatArray) -> list[tuple[int, int]]:
+    """First sample, and sample after the last, of the times at the surface between two dives; all depths are known."""
+    return [
+        (begin, stop)
+        for begin, stop in stretches(np.asarray(depth < SURFACE_DEPTH))
+        if time[stop - 1] - time[begin] >= MIN_AFLOAT
+        and depth[:begin].max(initial=0.0) > MIN_DIVE
+        and depth[stop:].max(initial=0.0) > MIN_DIVE
+    ]
+
+
+def describe_surfacing(time: FloatArray, depth: FloatArray) -> list[str]:
+    """Remark on the time at the surface between two dives of one profile; empty without any.
+
+    Parameters
+    ----------
+    time, depth : (n,) arrays
+        Times (s) and depths (m), all known.
+    """
+    minutes = sum(time[stop - 1] - time[begin] for begin, stop in _surfacings(time, depth)) / 60.0
+    if not minutes:
+        return []
+    return [f"{minutes:.0f} min at the surface between dives of the profile: give every dive a number of its own"]
 
 
 MIN_REST, REST_RANGE = 60.0, 0.3

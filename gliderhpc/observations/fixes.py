@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from geographiclib.geodesic import Geodesic
 
+from gliderhpc.observations.dive_phases import describe_surfacing
 from gliderhpc.observations.records import Fix, FloatArray, TimeArray
 from gliderhpc.observations.regions import wrapped_longitude
 from gliderhpc.observations.times import SECOND, plausible_times
@@ -216,7 +217,7 @@ class SurfaceFixes:
                     f"GPS fix at {_clock(fix.time)} between two dives of the profile: its current is a mean over these "
                     "dives and the surfacing; give every dive a number of its own"
                 ]
-        return []
+        return describe_surfacing((time - time[0]) / SECOND, depth) if len(time) else []
 
     def cut(self, first: np.datetime64, last: np.datetime64) -> "SurfaceFixes":
         """Return the usable and the omitted fixes from one time to another, inclusive."""

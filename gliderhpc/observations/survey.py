@@ -34,6 +34,7 @@ from gliderhpc.observations.files.valid_limits import declared_limits, describe_
 from gliderhpc.observations.fixes import SurfaceFixes, decimal_degrees, rounding_error, screen_fixes
 from gliderhpc.observations.format import PROFILE_VARIABLES, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
+from gliderhpc.observations.profile_numbers import as_ranges
 from gliderhpc.observations.profiles import MIN_DEPTH, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
 from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
@@ -269,7 +270,34 @@ def survey_of(stored: StoredVariables) -> Survey:
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
-    return Survey(spans, faults, (*missing, *filter(None, (doubtful_unit, unnumbered)), *warnings), fixes, doubts)
+    remarks = (doubtful_unit, unnumbered, *warnings, _describe_without_fix_between(spans, fixes))
+    return Survey(spans, faults, (*missing, *filter(None, remarks)), fixes, doubts)
+
+
+def _describe_without_fix_between(spans: Mapping[int, ProfileSpan], fixes: SurfaceFixes) -> str | None:
+    """Warn of sequences of profiles that have a fix only before the first and after the last; None without any."""
+    sequences: list[list[int]] = []
+    begun: list[int] = []
+    for span in sorted(spans.values(), key=lambda each: each.start):
+        if fixes.between(span.fixes_from, span.start_time):
+            begun = [span.number]
+        elif begun:
+            begun.append(span.number)
+        if fixes.between(span.end_time, span.fixes_until):
+            sequences += [begun] if len(begun) > 1 else []
+            begun = []
+    if not sequences:
+        return None
+    shown = ", ".join(map(as_ranges, sequences[:_MAX_SEQUENCES]))
+    more = f" and {len(sequences) - _MAX_SEQUENCES} more sequences" if len(sequences) > _MAX_SEQUENCES else ""
+    return (
+        f"no GPS fix between the dives of profiles {shown}{more}: they are inverted, but have no current; `gliderhpc "
+        "currents` estimates the mean current from fix to fix"
+    )
+
+
+_MAX_SEQUENCES = 3
+"""Maximum number of sequences of profiles that a warning lists."""
 
 
 def _check_sense(stored: StoredVariables) -> None:

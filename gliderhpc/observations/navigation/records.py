@@ -113,6 +113,17 @@ class Navigation:
         frozen = frozen_profiles(_seconds(self.time), self.heading, self.pitch, self.roll, self.profile)
         return frozen | doubted_by_clock(self.clock_doubts, self.time, self.profile)
 
+    def has_unused_dive(self, first: np.datetime64, last: np.datetime64) -> bool:
+        """Return whether there is a dive between two times that is no usable profile."""
+        inside = (self.time > first) & (self.time < last)
+        return bool(((self.dives > 0) & (self.profile == 0))[inside].any())
+
+    def longest_pause(self, first: np.datetime64, last: np.datetime64) -> float:
+        """Return the longest time without a depth between two times, s."""
+        known = self.time[np.isfinite(self.depth) & (self.time > first) & (self.time < last)]
+        moments = np.concatenate([[first], known, [last]])
+        return float(np.diff(moments).max() / SECOND)
+
     def record(self, number: int) -> ProfileRecord:
         """Return one profile's record; the unknown controls of the glider are set to zero."""
         rows = np.flatnonzero(self.profile == number)
