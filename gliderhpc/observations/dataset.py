@@ -40,6 +40,7 @@ from gliderhpc.observations.survey import (
     survey_of,
 )
 from gliderhpc.observations.times import SECOND
+from gliderhpc.wording import counted
 
 _AS_STORED: dict[str, Any] = {"decode_times": False, "decode_timedelta": False}
 """Options that leave times undecoded; `gliderhpc.observations.times` decodes and checks them."""
@@ -62,6 +63,7 @@ class Observations:
         self.path = path
         self._stored = StoredVariables(dataset, path, in_memory=in_memory)
         survey = survey or survey_of(self._stored)
+        self._stored.leave_out(survey.untimed)
         self.survey = survey
         self._fixes_by_profile: dict[int, tuple[tuple[Fix, ...], tuple[Fix, ...], tuple[str, ...]]] = {}
         self.platform_name = str(dataset.attrs.get("platform", ""))
@@ -149,6 +151,7 @@ class Observations:
             surface_fixes_after=after,
             notes=(
                 *describe_fixes(before, after, reasons, MAX_FIX_AGE),
+                *self._notes_untimed(span),
                 *self._notes_between_dives(number, time, values["depth"]),
                 *dive_notes(seconds, values["depth"], values["roll"] + values["pitch"] + values["heading"]),
                 *_actuator_notes(seconds, values),
@@ -158,6 +161,15 @@ class Observations:
             velocity=self._columns(VELOCITY, span),
             velocity_std=self._columns(VELOCITY_STD, span),
         )
+
+    def _notes_untimed(self, span: ProfileSpan) -> list[str]:
+        """Describe the samples that are left out because they have no usable time; empty if there are none."""
+        rows = self.survey.untimed
+        rows = rows[(rows >= span.start) & (rows < span.stop)]
+        if not len(rows):
+            return []
+        lost = counted(len(rows), "sample without a time is", "samples without a time are")
+        return [f"{lost} left out, the first at sample {rows[0]}"]
 
     def _notes_between_dives(self, number: int, time: TimeArray, depth: FloatArray) -> list[str]:
         if number in self.survey.without_fixes:

@@ -58,7 +58,7 @@ def _decoded(path: Path) -> xr.Dataset:
         array = dataset[name]
         if name in TIMES:
             decoded = stored.times(name, 0, stored.size(str(array.dims[0]))).time
-            attributes = {key: value for key, value in array.attrs.items() if key not in ("units", "calendar")}
+            attributes = {key: value for key, value in array.attrs.items() if key not in ("units", "calendar", *LIMITS)}
             dataset = dataset.assign({name: (array.dims, decoded, {"standard_name": "time", **attributes})})
         elif name in VARIABLES or name in REFERENCE:
             if stored.loses_values(name):

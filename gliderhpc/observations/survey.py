@@ -35,9 +35,18 @@ from gliderhpc.observations.fixes import SurfaceFixes, decimal_degrees, rounding
 from gliderhpc.observations.format import PROFILE_VARIABLES, VARIABLES
 from gliderhpc.observations.navigation.checks import check_depth_unit
 from gliderhpc.observations.profile_numbers import as_ranges
-from gliderhpc.observations.profiles import MIN_DEPTH, detect_profiles
+from gliderhpc.observations.profiles import MIN_DEPTH, IntArray, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import SECOND, DecodedTimes, decode_texts, decode_times, texts_in
+from gliderhpc.observations.times import (
+    FIRST_YEAR,
+    LAST_YEAR,
+    SECOND,
+    DecodedTimes,
+    decode_texts,
+    decode_times,
+    texts_in,
+)
+from gliderhpc.wording import counted
 
 
 class StoredVariables:
@@ -62,9 +71,20 @@ class StoredVariables:
         self._in_memory = in_memory
         self._whole: dict[str, DecodedTimes] = {}
         self._whole_numbers: dict[str, FloatArray] = {}
+        self._untimed: IntArray = np.zeros(0, dtype=np.int64)
 
     def __contains__(self, name: str) -> bool:
         return name in self.dataset.variables
+
+    def leave_out(self, rows: IntArray) -> None:
+        """Leave out samples without a usable time: their values are missing, and their times interpolated.
+
+        The times increase, and the numbers of the samples remain.
+        """
+        self._untimed = rows
+        self._whole_numbers.clear()
+        if "time" in self._whole:
+            self._whole["time"] = self._with_times(self._whole["time"], 0)
 
     def size(self, dimension: str) -> int:
         """Length of a dimension, 0 if the file does not have it."""
@@ -86,8 +106,14 @@ class StoredVariables:
 
     def _numbers(self, name: str, start: int, stop: int) -> FloatArray:
         values = np.asarray(self._read(name, start, stop), dtype=np.float64)
-        lost = self._lost(name, values) if self._may_lose(name) else np.zeros(0, dtype=bool)
+        lost = self._lost(name, values) if self._may_lose(name) else np.zeros(len(values), dtype=bool)
+        if name != "profile" and "time" in self.dataset.variables[name].dims:
+            lost[self._untimed_within(start, stop)] = True
         return np.where(lost, np.nan, values) if lost.any() else values
+
+    def _untimed_within(self, start: int, stop: int) -> IntArray:
+        first, last = np.searchsorted(self._untimed, (start, stop))
+        return np.asarray(self._untimed[first:last] - start)
 
     def loses_values(self, name: str) -> bool:
         """Return whether values of a variable are missing although they are in the file."""
@@ -118,20 +144,55 @@ class StoredVariables:
             remarks.append(describe_outside(name, values, limits, refuse_in=refuse_in, what=what))
             fills = _plausible_fills(name, values) & ~outside(values, limits)
             remarks += [describe_fills(name, values, fills)] if fills.any() else []
+        remarks += [self._describe_times(name) for name in ("time", "fix_time") if name in self]
         return [remark for remark in remarks if remark]
 
+    def _describe_times(self, name: str) -> str:
+        """Remark on the times outside the limits that the file declares; empty without any."""
+        values, limits = self._read(name, 0, self.dataset[name].size), declared_limits(self.dataset.variables[name])
+        if limits is None or values.dtype.kind not in "fiu":
+            return ""
+        refuse_in, what = (str(self.path), "sample") if name == "time" else ("", "fix")
+        return describe_outside(name, values.astype(np.float64), limits, refuse_in=refuse_in, what=what)
+
     def times(self, name: str, start: int, stop: int) -> DecodedTimes:
-        """Read a slice of one of the time variables."""
+        """Read a slice of one of the time variables.
+
+        Times outside the limits that the file declares are missing; those of samples that are left out (`leave_out`)
+        are interpolated.
+        """
         if name in self._whole:
             return self._whole[name].part(start, stop)
         attributes, where = self.dataset[name].attrs, f"{self.path}: {name}"
         units, calendar = (str(attributes.get(key, "")) for key in ("units", "calendar"))
         values = self._read(name, start, stop)
-        texts = texts_in(values)
+        texts, limits = texts_in(values), declared_limits(self.dataset.variables[name])
+        if limits is not None and values.dtype.kind in "fiu":
+            lost = outside(values.astype(np.float64), limits)
+            values = np.where(lost, np.nan, values) if lost.any() else values
         decoded = decode_times(values, units, calendar, where) if texts is None else decode_texts(texts, where)
+        decoded = self._with_times(decoded, start) if name == "time" else decoded
         if start == 0 and stop == self.dataset[name].size:
             self._whole[name] = decoded
         return decoded
+
+    def _with_times(self, decoded: DecodedTimes, start: int) -> DecodedTimes:
+        """Interpolate the times of the samples that are left out; beyond the others, they are a millisecond apart."""
+        rows = self._untimed_within(start, start + len(decoded.time))
+        known = np.setdiff1d(np.arange(len(decoded.time)), rows)
+        if not len(rows) or not len(known):
+            return decoded
+        time, epoch = decoded.time.copy(), decoded.time[known[0]]
+        elapsed = (time[known] - epoch).astype(np.int64)
+        before = np.maximum(np.searchsorted(known, rows) - 1, 0)
+        after = np.minimum(before + 1, len(known) - 1)
+        share = (rows - known[before]) / np.maximum(known[after] - known[before], 1)
+        filled = elapsed[before] + np.rint(share * (elapsed[after] - elapsed[before])).astype(np.int64)
+        beyond = (rows < known[0]) | (rows > known[-1])
+        nearest = np.where(rows < known[0], 0, len(known) - 1)
+        filled[beyond] = (elapsed[nearest] + (rows - known[nearest]) * 1_000_000)[beyond]
+        time[rows] = epoch + filled.astype("timedelta64[ns]")
+        return DecodedTimes(time, decoded.implausible & ~np.isin(np.arange(len(time)), rows))
 
     def _read(self, name: str, start: int, stop: int) -> npt.NDArray[np.generic]:
         try:
@@ -203,6 +264,8 @@ class Survey:
         Fixes of the file.
     without_fixes : dict of int to str
         Reasons why none of the fixes around a profile can be used, by number.
+    untimed : (k,) int array
+        Samples that are left out because their time is missing or implausible.
     """
 
     spans: dict[int, ProfileSpan]
@@ -210,6 +273,7 @@ class Survey:
     warnings: tuple[str, ...]
     fixes: SurfaceFixes = field(default_factory=SurfaceFixes.none)
     without_fixes: dict[int, str] = field(default_factory=dict)
+    untimed: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def only(self, numbers: Iterable[int]) -> "Survey":
         """Restrict the survey to some profiles, for a worker that processes only these."""
@@ -244,10 +308,14 @@ def survey_of(stored: StoredVariables) -> Survey:
     check_variables(stored.dataset, path)
     _check_sense(stored)
     missing = stored.describe_missing()
+    untimed, remark = _untimed_samples(stored)
+    stored.leave_out(untimed)
+    missing += remark
     clock = stored.times("time", 0, stored.size("time"))
     time = clock.time
     numbers = stored.numbers("profile", 0, len(time)) if "profile" in stored else None
     places, faults = _locate(stored, time, numbers)
+    places = _with_timed_ends(places, untimed)
     clock_faults = check_clock(time, places, path, clock.implausible)
     faults |= {number: text for number, text in clock_faults.items() if number not in faults}
     faults |= check_extents(time, places, faults)
@@ -271,7 +339,35 @@ def survey_of(stored: StoredVariables) -> Survey:
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
     remarks = (doubtful_unit, unnumbered, *warnings, _describe_without_fix_between(spans, fixes))
-    return Survey(spans, faults, (*missing, *filter(None, remarks)), fixes, doubts)
+    return Survey(spans, faults, (*missing, *filter(None, remarks)), fixes, doubts, untimed)
+
+
+_MAX_UNTIMED = 0.5
+"""Share of the samples without a usable time above which the clock is wrong, and they are not left out."""
+
+
+def _untimed_samples(stored: StoredVariables) -> tuple[IntArray, list[str]]:
+    """Samples whose time is missing or implausible, and a remark on them; empty if these are most samples."""
+    clock = stored.times("time", 0, stored.size("time"))
+    rows = np.flatnonzero(np.isnat(clock.time))
+    if not len(rows) or len(rows) > _MAX_UNTIMED * len(clock.time):
+        return np.zeros(0, dtype=np.int64), []
+    implausible = np.count_nonzero(clock.implausible)
+    kinds = ["missing"] if implausible < len(rows) else []
+    kinds += [f"not between {FIRST_YEAR} and {LAST_YEAR}"] if implausible else []
+    count = counted(len(rows), "sample")
+    remedy = "; correct the clock, or declare the fill value (_FillValue)" if implausible else ""
+    return rows, [f"time is {' or '.join(kinds)} in {count}, the first at sample {rows[0]}: left out{remedy}"]
+
+
+def _with_timed_ends(places: Mapping[int, Span], untimed: IntArray) -> dict[int, Span]:
+    """Spans of the profiles without samples that are left out at their ends; unchanged if no other is in a profile."""
+    found: dict[int, Span] = {}
+    for number, (start, stop) in places.items():
+        first, last = np.searchsorted(untimed, (start, stop))
+        timed = np.setdiff1d(np.arange(start, stop), untimed[first:last]) if last > first else np.arange(0)
+        found[number] = (int(timed[0]), int(timed[-1]) + 1) if len(timed) else (start, stop)
+    return found
 
 
 def _describe_without_fix_between(spans: Mapping[int, ProfileSpan], fixes: SurfaceFixes) -> str | None:

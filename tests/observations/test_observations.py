@@ -317,17 +317,72 @@ def test_a_clock_set_back_for_a_while_within_a_profile(tmp_path):
     assert text.startswith(f"profile 2: the clock was set back by 3599 s at sample {sample} (")
 
 
-def test_time_missing_within_a_profile(tmp_path):
-    sample = first_sample(2) + 7
+@pytest.mark.parametrize(("first", "count"), [(7, 1), (7, 10), (0, 10), (SAMPLES - 10, 10)])
+def test_times_missing_within_a_profile_cost_their_samples(tmp_path, first, count):
+    """They had cost the whole profile."""
+    sample = first_sample(2) + first
 
     def drop(dataset):
         times = dataset["time"].values.copy()
-        times[sample] = np.nan
+        times[sample : sample + count] = np.nan
         return dataset.assign_coords(time=("time", times, dataset["time"].attrs))
 
-    assert fault(edited(tmp_path, drop)) == (
-        f"profile 2: time is missing at sample {sample}; every sample needs a time"
-    )
+    with open_observations(edited(tmp_path, drop)) as observations:
+        assert observations.faults == {}
+        counted = "1 sample" if count == 1 else f"{count} samples"
+        warning = f"time is missing in {counted}, the first at sample {sample}: left out"
+        assert [text for text in observations.warnings if "time is" in text] == [warning]
+        record, whole = observations.profile(2), mission()
+        assert np.all(np.diff(record.time) > 0.0)
+        known = np.isfinite(record.depth)
+        rows = np.setdiff1d(np.arange(first_sample(2), first_sample(2) + SAMPLES), np.arange(sample, sample + count))
+        np.testing.assert_array_equal(record.instants[known], whole["time"][rows])
+        np.testing.assert_allclose(record.depth[known], whole["depth"][rows])
+        inside = first > 0 and first + count < SAMPLES
+        left_out = "1 sample without a time is" if count == 1 else f"{count} samples without a time are"
+        assert any(f"{left_out} left out, the first at sample {sample}" in note for note in record.notes) == inside
+        for other in (1, 3):
+            assert len(observations.profile(other).time) == SAMPLES
+        # A worker reads only the slice of the profile.
+        with open_observations(observations.path, survey=observations.survey.only([2])) as again:
+            np.testing.assert_array_equal(again.profile(2).instants, record.instants)
+            assert again.profile_digest(2) == observations.profile_digest(2)
+
+
+def test_a_file_most_of_whose_times_are_missing_is_refused(tmp_path):
+    def drop(dataset):
+        times = np.where(np.arange(dataset.sizes["time"]) % 3 == 0, dataset["time"].values, np.nan)
+        return dataset.assign_coords(time=("time", times, dataset["time"].attrs))
+
+    with pytest.raises(InputError, match="time is missing at sample"):
+        open_observations(edited(tmp_path, drop))
+
+
+@pytest.mark.parametrize(("name", "what"), [("time", "sample"), ("fix_time", "fix")])
+def test_times_outside_their_declared_limits_are_missing(tmp_path, name, what):
+    """They had been used without a remark."""
+
+    def limit(dataset):
+        values = dataset[name].values
+        place = first_sample(2) + 7 if name == "time" else 3
+        dataset[name].attrs["valid_min"] = float(values[0])
+        values = values.copy()
+        values[place] = values[0] - 86_400.0
+        return dataset.assign({name: (dataset[name].dims, values, dataset[name].attrs)})
+
+    with open_observations(edited(tmp_path, limit)) as observations:
+        assert observations.faults == {}
+        place = first_sample(2) + 7 if name == "time" else 3
+        assert f"{name} is outside the limits that the file declares, at least" in observations.warnings[0]
+        assert f"at {what} {place}; these are treated as missing" in observations.warnings[0]
+
+
+def test_limits_that_exclude_most_times_are_refused(tmp_path):
+    def limit(dataset):
+        dataset["time"].attrs["valid_max"] = 1.0
+
+    with pytest.raises(InputError, match=r"time is outside the limits .* correct valid_min, valid_max or valid_range"):
+        open_observations(edited(tmp_path, limit))
 
 
 def test_heading_out_of_range(tmp_path):

@@ -191,8 +191,12 @@ def with_raw_time(path, sample, value):
 def test_times_that_no_clock_gives_are_named(tmp_path, value):
     sample = first_sample(2) + 7
     with open_observations(with_raw_time(tmp_path, sample, value)) as observations:
-        assert list(observations.faults) == [2]
-        assert f"time is not between 2000 and 2099 at sample {sample}" in observations.faults[2]
+        assert observations.faults == {}
+        assert observations.warnings == (
+            f"time is not between 2000 and 2099 in 1 sample, the first at sample {sample}: left out; correct the "
+            "clock, or declare the fill value (_FillValue)",
+        )
+        assert np.isnan(observations.profile(2).depth).sum() == 1
         assert observations.profile(1).time[-1] == pytest.approx(SAMPLES - 1)
 
 
@@ -218,7 +222,8 @@ def test_seconds_since_the_start_may_be_single_precision(tmp_path):
         return dataset.assign(time=("time", seconds, {"units": units, "_FillValue": np.float32(9.96921e36)}))
 
     with open_observations(edited(tmp_path, edit)) as observations:
-        assert list(observations.faults) == [3], "only the profile without its last time"
+        assert observations.faults == {}
+        assert len(observations.profile(3).time) == SAMPLES - 1, "only the sample without its time"
 
 
 def test_a_zone_by_name_is_refused(tmp_path):
