@@ -18,6 +18,13 @@ def counted(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or f'{one}s'}"
 
 
+def wanted_dataset(value: object) -> str:
+    """Return the words for a Dataset that is wanted instead of a value, and how to make it from a table."""
+    if hasattr(value, "to_xarray") and hasattr(value, "columns"):
+        return "an xarray.Dataset (`to_xarray()` of the table with `time` as its index, with units and fixes)"
+    return "an xarray.Dataset"
+
+
 def capitalised(text: str) -> str:
     """Return a text with a capital first letter; the others, as in names, are unchanged."""
     return text[:1].upper() + text[1:]

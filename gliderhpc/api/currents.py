@@ -27,7 +27,7 @@ from gliderhpc.observations.navigation.records import (
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import describe_false_samples
 from gliderhpc.platform import Platform, read_platform
-from gliderhpc.wording import most_frequent_reason
+from gliderhpc.wording import most_frequent_reason, wanted_dataset
 
 
 def currents(
@@ -178,12 +178,13 @@ def _degrees(declination: Any) -> float:
 def _paths(records: str | Path | Iterable[str | Path]) -> list[Path]:
     """Return the path of a file, or those of several; `InputError` for anything else, such as a table."""
     paths: list[Any] = [records]
-    if isinstance(records, Iterable) and not isinstance(records, str) and not hasattr(records, "columns"):
+    is_table_or_mapping = hasattr(records, "columns") or isinstance(records, Mapping)
+    if isinstance(records, Iterable) and not isinstance(records, str) and not is_table_or_mapping:
         paths = list(records)
     for path in paths:
         if not isinstance(path, str | Path):
             kind = type(path).__name__
-            raise InputError(f"records: a {kind} cannot be used; give an xarray.Dataset, a file or files")
+            raise InputError(f"records: a {kind} cannot be used; give {wanted_dataset(path)}, a file or files")
     return [Path(path) for path in paths]
 
 

@@ -110,6 +110,8 @@ def import_records(files: str | Path | Iterable[str | Path], kind: str | None = 
     InputError
         The files cannot be used, are of an unknown kind, or are of several kinds.
     """
+    if isinstance(files, Mapping | xr.Dataset) or hasattr(files, "columns"):
+        raise InputError(f"files: give the instrument's files or folders, not a {type(files).__name__}")
     sources = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     if not sources:
         raise InputError("files: none given; give the glider's files, or the folder that holds them")

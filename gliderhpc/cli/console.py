@@ -115,8 +115,17 @@ def logging_to(log_file: Path | None) -> Iterator[None]:
             handler.close()
 
 
+PRINTED = {"is_printed": True}
+"""Extra attribute of log records whose text the command prints on stderr itself."""
+
+
 class _StreamLog(logging.StreamHandler[TextIO]):
     """A log on stderr that ends when stderr is closed, while the run continues."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write the line of a record unless its text is printed on stderr in another way."""
+        if not getattr(record, "is_printed", False):
+            super().emit(record)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
         """Stop logging to a closed stream; leave any other error to logging."""

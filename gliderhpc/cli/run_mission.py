@@ -14,7 +14,7 @@ from rich.text import Text
 from gliderhpc.api.missions import invert_prepared
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.cli import options
-from gliderhpc.cli.console import logging_to, progress, results
+from gliderhpc.cli.console import PRINTED, logging_to, progress, results
 from gliderhpc.cli.messages import Verb, echo, warn, with_options
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
@@ -113,7 +113,8 @@ def run_mission(
 
 
 def _warn(warning: str) -> None:
-    log.warning("%s", warning)
+    """Print a warning on stderr, and log it in the file."""
+    log.warning("%s", warning, extra=PRINTED)
     warn(warning, err=True)
 
 

@@ -17,7 +17,7 @@ from gliderhpc.estimation.preparation import PreparedProfile, fed_samples
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import NET_WEIGHT
 from gliderhpc.kernels.filter import GATED, RESET
-from gliderhpc.observations.dive_phases import find_rests
+from gliderhpc.observations.dive_phases import describe_levels, find_rests
 from gliderhpc.observations.series import ProfileSeries
 
 Key = TypeVar("Key")
@@ -103,11 +103,11 @@ def describe_rests(series: ProfileSeries) -> list[str]:
     if not series.rests:
         return []
     seconds = sum(stop - begin for begin, stop in series.rests) * series.step
-    depth = np.median(np.concatenate([series.measurements[begin:stop, 3] for begin, stop in series.rests]))
-    parts = f", in {len(series.rests)} parts" if len(series.rests) > 1 else ""
+    levels = np.array([np.median(series.measurements[begin:stop, 3]) for begin, stop in series.rests])
     share = seconds / (series.time[-1] - series.time[0])
+    at_most = "up to " if len(levels) > 1 else ""
     return [
-        f"left out: {seconds:.0f} s at {depth:.0f} m{parts}, where the glider did not glide, as on the bottom or "
-        f"hovering; the current includes this time ({share:.0%}), and is {share / (1.0 - share):.0%} stronger if the "
-        "glider lay on the ground"
+        f"left out: {seconds:.0f} s {describe_levels(levels)}, where the glider did not glide, as on the bottom or "
+        f"hovering; the current includes this time ({share:.0%}), and is {at_most}{share / (1.0 - share):.0%} stronger "
+        "if the glider lay on the ground"
     ]

@@ -26,7 +26,7 @@ from gliderhpc.store_schema import (
 from gliderhpc.store_schema.commits import Commit, Marker, damages, read_markers
 from gliderhpc.store_schema.create import mission_sizes
 from gliderhpc.store_schema.deep_check import Fault, as_lines, damaged_studies
-from gliderhpc.store_schema.location import Location, remove_partial_files
+from gliderhpc.store_schema.location import Location, kind_of_other, remove_partial_files
 from gliderhpc.store_schema.maintenance import check_continuation, grow_archive, mark_studies_outdated, mend_metadata
 from gliderhpc.wording import counted
 
@@ -223,9 +223,7 @@ def prepare_archive(
 
 def _check_version(store: str) -> None:
     if not is_archive(store):
-        raise InputError(
-            f"{store}: is not an archive of gliderhpc, so there is nothing to resume; give another `store`"
-        )
+        raise InputError(f"{store}: is {kind_of_other(store)}, so there is nothing to resume; give another `store`")
     version = read_attributes(store).get("schema_version")
     if version != SCHEMA_VERSION:
         raise InputError(

@@ -279,13 +279,23 @@ def dive_notes(time: FloatArray, depth: FloatArray, attitude: FloatArray) -> Ite
     still = _stationary_times(time, depth)
     if still:
         minutes = sum(last - first for first, last in still) / 60.0
-        level = np.median(np.interp(np.mean(still, axis=1), time[known], depth[known]))
-        parts = f", in {len(still)} parts" if len(still) > 1 else ""
+        levels = np.asarray(np.interp(np.mean(still, axis=1), time[known], depth[known]))
         cause = "parked, on the bottom, under ice or at a density step"
         if _is_one_value(time[known], depth[known], still):
             cause += "; or the pressure sensor is stuck, as the depth is the same to the last digit"
-        yield f"stationary for {minutes:.0f} min at {level:.0f} m{parts} ({cause})"
+        yield f"stationary for {minutes:.0f} min {describe_levels(levels)} ({cause})"
     yield from _deep_ends(time, depth, known, oriented)
+
+
+_SAME_LEVEL = 5.0
+"""Difference in depth (m) up to which stretches are at one level."""
+
+
+def describe_levels(levels: FloatArray) -> str:
+    """Describe the depths ``(k,)`` of the stationary stretches of a dive, m: ``at 200 m, in 2 parts``."""
+    low, high = float(levels.min()), float(levels.max())
+    where = f"{np.median(levels):.0f} m" if high - low <= _SAME_LEVEL else f"{low:.0f} to {high:.0f} m"
+    return f"at {where}" + (f", in {len(levels)} parts" if len(levels) > 1 else "")
 
 
 def _deep_ends(

@@ -15,6 +15,7 @@ from gliderhpc.observations.files.valid_limits import LIMITS
 from gliderhpc.observations.format import REFERENCE, VARIABLES
 from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
 from gliderhpc.observations.writer import TIMES, seconds_since, times_since, variable_attributes, write_observations
+from gliderhpc.wording import wanted_dataset
 
 Records = xr.Dataset | str | Path
 """Observations as accepted by every function of the Python interface: a Dataset, or the path of a file."""
@@ -92,8 +93,8 @@ def opened_records(records: Records) -> Iterator[Observations]:
     """
     if not isinstance(records, xr.Dataset | str | Path):
         raise InputError(
-            f"records: a {type(records).__name__} cannot be used; give an xarray.Dataset in the observation format, or "
-            "the path of a file"
+            f"records: a {type(records).__name__} cannot be used; give {wanted_dataset(records)} in the observation "
+            "format, or the path of a file"
         )
     if not isinstance(records, xr.Dataset):
         with open_observations(records) as observations:

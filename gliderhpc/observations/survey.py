@@ -1,6 +1,7 @@
 """Survey of an observation file (places of its profiles, faults, usable fixes), and its variables as arrays."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -338,7 +339,7 @@ def survey_of(stored: StoredVariables) -> Survey:
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
-    remarks = (doubtful_unit, unnumbered, *warnings, _describe_without_fix_between(spans, fixes))
+    remarks = (doubtful_unit, unnumbered, *warnings, _describe_without_fix_between(spans, faults, fixes))
     return Survey(spans, faults, (*missing, *filter(None, remarks)), fixes, doubts, untimed)
 
 
@@ -370,11 +371,16 @@ def _with_timed_ends(places: Mapping[int, Span], untimed: IntArray) -> dict[int,
     return found
 
 
-def _describe_without_fix_between(spans: Mapping[int, ProfileSpan], fixes: SurfaceFixes) -> str | None:
+def _describe_without_fix_between(
+    spans: Mapping[int, ProfileSpan], faults: Mapping[int, str], fixes: SurfaceFixes
+) -> str | None:
     """Warn of sequences of profiles that have a fix only before the first and after the last; None without any."""
     sequences: list[list[int]] = []
     begun: list[int] = []
     for span in sorted(spans.values(), key=lambda each: each.start):
+        if span.number in faults:
+            begun = []
+            continue
         if fixes.between(span.fixes_from, span.start_time):
             begun = [span.number]
         elif begun:
@@ -437,6 +443,8 @@ def _locate(
         seconds = (time - time[0]) / SECOND if len(time) else np.zeros(0)
         depth = stored.numbers("depth", 0, len(time))
         places, faults = profile_spans(detect_profiles(seconds, depth))
+    if not len(time):
+        raise InputError(f"{path}: has no samples: time has length 0; write the records again")
     if not places:
         raise InputError(
             f"{path}: has no profile; depth never leaves the surface, or the variable profile is 0 everywhere"
@@ -462,13 +470,13 @@ def time_spans(time: TimeArray, places: dict[int, Span]) -> dict[int, ProfileSpa
     return spans
 
 
-_AS_MINUTES = (
+AS_MINUTES = (
     "the fixes agree with each other if they are DDMM.mmm, which within a degree of 0 N, 0 E are plausible degrees: "
     "convert them to decimal degrees"
 )
 
 
-def _agree_as_minutes(
+def agree_as_minutes(
     time: TimeArray, latitude: FloatArray, longitude: FloatArray, usable: npt.NDArray[np.bool_]
 ) -> bool:
     """Return whether most fixes that contradict each other in decimal degrees do not if they are DDMM.mmm."""
@@ -479,7 +487,8 @@ def _agree_as_minutes(
 def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
     """Fixes of the file, and warnings about them."""
     count = stored.size("fix")
-    if not all(name in stored for name in ("fix_time", "fix_latitude", "fix_longitude")):
+    absent = [name for name in ("fix_time", "fix_latitude", "fix_longitude") if name not in stored]
+    if absent:
         count = 0
     found = SurfaceFixes.none()
     warnings: list[str] = []
@@ -489,8 +498,8 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
         usable, warnings = check_fixes(latitude, longitude, clock.implausible)
         found = screen_fixes(clock.time, latitude, longitude, usable)
     if not len(found.time):
-        missing = [f"time or position is missing in all {count}"] if count else []
-        form = [_AS_MINUTES] if count and _agree_as_minutes(clock.time, latitude, longitude, usable) else []
+        missing = [f"time or position is missing in all {count}"] if count else _describe_absent(stored, absent)
+        form = [AS_MINUTES] if count and agree_as_minutes(clock.time, latitude, longitude, usable) else []
         why = "; ".join([*warnings, *found.reasons[:1], *form] or missing)
         return found, (
             f"there is no usable GPS fix in the file{f' ({why})' if why else ''}: profiles are inverted, but their "
@@ -503,6 +512,19 @@ def _fixes(stored: StoredVariables) -> tuple[SurfaceFixes, tuple[str, ...]]:
         others = f", and {len(found.reasons) - 1} more" if len(found.reasons) > 1 else ""
         warnings.append(f"{found.reasons[0]}{others}")
     return found, tuple(warnings)
+
+
+_OTHER_NAMES = re.compile(r"(?i)(?:gps_?)?(?:lat(?:itude)?|lon(?:gitude)?)(?:_gps)?")
+"""Names of positions in other formats."""
+
+
+def _describe_absent(stored: StoredVariables, absent: Sequence[str]) -> list[str]:
+    """Describe the variables of the fixes that a file lacks, and those with other names; empty if it lacks none."""
+    if not absent:
+        return []
+    found = [name for name in map(str, stored.dataset.variables) if _OTHER_NAMES.fullmatch(name)]
+    lacks = f"it lacks {', '.join(absent)}"
+    return [f"{lacks}, but has {', '.join(found)}: rename the positions of the GPS receiver" if found else lacks]
 
 
 def _after_clock_steps(time: TimeArray, places: Mapping[int, Span], clock_faults: Mapping[int, str]) -> dict[int, str]:

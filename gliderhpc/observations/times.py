@@ -220,10 +220,20 @@ def plausible_times(time: TimeArray) -> npt.NDArray[np.bool_]:
     return np.asarray((time >= EARLIEST) & (time < LATEST))
 
 
+_DAY_COUNT = re.compile(r"(?P<julian>-4713\b|-4712\b)|(?P<datenum>0{1,4}-)")
+_DAY_COUNTS = {
+    "julian": "Julian days: subtract 2440587.5, and write 'days since 1970-01-01'",
+    "datenum": "days of MATLAB's datenum: subtract 719529, and write 'days since 1970-01-01'",
+}
+"""References in the years of day counts that the standard calendar lacks, and remedies."""
+
+
 def _unit_and_reference(units: str, where: str) -> tuple[float, float]:
     """Length of the unit (s), and midnight of its reference day (s since 1970), accurate enough to check the years."""
     match = _UNITS.fullmatch(units)
     factor = None if match is None else _SECONDS.get(_singular(match["unit"].lower()))
+    if match is not None and (counted := _DAY_COUNT.match(match["reference"])) is not None:
+        raise InputError(f"{where} counts {_DAY_COUNTS[counted.lastgroup or '']} (it is in '{units}')")
     if match is None or factor is None:
         raise InputError(
             f"{where} has no CF time unit of the standard calendar ('{units}'); "

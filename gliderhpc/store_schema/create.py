@@ -29,6 +29,7 @@ from gliderhpc.store_schema.location import (
     is_address,
     is_archive,
     is_empty,
+    kind_of_other,
     wait_for_all,
     write_group,
 )
@@ -111,7 +112,7 @@ def check_location(location: Location, overwrite: bool) -> None:
         return
     if not is_archive(location):
         raise InputError(
-            f"{location}: exists and is not an archive of gliderhpc, so it is not replaced; give another `store`"
+            f"{location}: exists and is {kind_of_other(location)}, so it is not replaced; give another `store`"
         )
     if not overwrite:
         raise InputError(

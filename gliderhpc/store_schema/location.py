@@ -363,10 +363,17 @@ def describe_other(location: Location) -> str:
         return f"{location}: a file, not an archive of gliderhpc; {wanted}"
     if _has_results(location):
         return (
-            f"{location}: a copy of results, such as of one dive, that xarray wrote (`to_zarr`), not an archive: open "
-            "it with xarray.open_datatree, and give the folder that `gliderhpc run-mission` wrote"
+            f"{location}: {kind_of_other(location)}: open it with xarray.open_datatree, and give the folder that "
+            "`gliderhpc run-mission` wrote"
         )
-    return f"{location}: not an archive of gliderhpc; give the folder that `gliderhpc run-mission` wrote"
+    return f"{location}: {kind_of_other(location)}; give the folder that `gliderhpc run-mission` wrote"
+
+
+def kind_of_other(location: Location) -> str:
+    """Return what a location holds that is not an archive."""
+    if _has_results(location):
+        return "a copy of results, such as of one dive, that xarray wrote (`to_zarr`), not an archive"
+    return "not an archive of gliderhpc"
 
 
 def remove_partial_files(location: Location) -> None:
@@ -422,7 +429,9 @@ def bucket_at(address: str) -> Any:
         from obstore.exceptions import BaseError
         from obstore.store import from_url
     except ImportError:
-        raise InputError(f"{address}: object stores need obstore; install gliderhpc[cloud]") from None
+        raise InputError(
+            f"{address}: object stores need obstore; install it with `pip install 'gliderhpc[cloud]'`"
+        ) from None
     try:
         return from_url(address)
     except (BaseError, ValueError) as error:

@@ -10,6 +10,7 @@ from support.missions import changed_observations
 
 from gliderhpc import load_platform
 from gliderhpc.api.currents import currents, navigation_of
+from gliderhpc.api.records import import_records
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.record_screening import check_sensors
 from gliderhpc.observations import open_observations
@@ -298,6 +299,29 @@ def test_depth_and_attitude_in_different_rows_leave_no_gap():
 def test_a_table_of_another_library_is_not_taken_for_paths():
     with pytest.raises(InputError, match="records: a DataFrame cannot be used"):
         currents(mission(Glide(dives=1))[["depth", "pitch"]].to_dataframe())
+
+
+def test_tables_and_mappings_are_refused_with_a_remedy():
+    table = mission(Glide(dives=1))[["depth", "pitch"]].to_dataframe()
+    with pytest.raises(InputError, match=r"`to_xarray\(\)` of the table with `time` as its index"):
+        currents(table)
+    with pytest.raises(InputError, match="records: a dict cannot be used"):
+        currents({"depth": [1.0]})
+    with pytest.raises(InputError, match="files: give the instrument's files or folders, not a DataFrame"):
+        import_records(table)
+
+
+def test_fixes_in_minutes_within_a_degree_of_null_are_recognised():
+    """They were left out one by one, without the reason that they have in common."""
+    records = mission(GLIDE)
+    minutes = {
+        name: 60.0 * (records[name] - float(records[name][0]) + 0.3).assign_attrs(units="degree")
+        for name in ("fix_latitude", "fix_longitude")
+    }
+    minutes = {name: values.assign_attrs(units="degree") for name, values in minutes.items()}
+    found = currents(records.assign(minutes))
+    assert np.isnan(found["dac_north"]).all()
+    assert "the fixes agree with each other if they are DDMM.mmm" in found.attrs["comment"]
 
 
 @pytest.mark.parametrize(("name", "value"), [("heading", -1.0), ("pitch", 80.0)])

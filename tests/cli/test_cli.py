@@ -6,6 +6,7 @@ import logging
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import click
@@ -381,6 +382,41 @@ def test_an_archive_that_exists(brief, brief_store):
     answer = program("run-mission", brief, *PETREL, "--store", brief_store)
     assert answer.status == 2
     assert "brief.zarr: this archive exists; finish it with --resume or start again with --overwrite" in answer.line
+
+
+@pytest.mark.parametrize("option", [(), ("--overwrite",), ("--resume",), ("--append",)])
+def test_a_copy_of_results_is_named_as_such_and_left_unchanged(brief, brief_store, tmp_path, option):
+    """With --resume it was only not an archive."""
+    copy = tmp_path / "copy.zarr"
+    with warnings.catch_warnings():
+        # zarr's own remark that its consolidated metadata is not in the specification.
+        warnings.simplefilter("ignore")
+        open_mission(brief_store).to_zarr(copy)
+    before = sorted(file.stat().st_mtime_ns for file in copy.rglob("*"))
+    answer = program("run-mission", brief, *PETREL, "--store", copy, *option)
+    assert answer.status == 2
+    assert "a copy of results, such as of one dive, that xarray wrote (`to_zarr`), not an archive" in answer.line
+    assert sorted(file.stat().st_mtime_ns for file in copy.rglob("*")) == before
+
+
+def test_a_warning_is_printed_once_and_logged(brief, tmp_path):
+    """Where stderr is no terminal, it was printed twice."""
+    with xr.open_dataset(brief, decode_times=False) as records:
+        records.isel(fix=slice(0)).to_netcdf(tmp_path / "m.nc")
+    log = tmp_path / "run.log"
+    command = (
+        "run-mission",
+        tmp_path / "m.nc",
+        *PETREL,
+        "--store",
+        tmp_path / "m.zarr",
+        "--dry-run",
+        "--log-file",
+        log,
+    )
+    answer = program(*command)
+    assert answer.err.count("there is no usable GPS fix in the file") == 1
+    assert "WARNING there is no usable GPS fix in the file" in log.read_text()
 
 
 @pytest.mark.parametrize("option", [(), ("--overwrite",), ("--resume",)])

@@ -9,7 +9,7 @@ from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.quality import remarks
-from gliderhpc.estimation.rests import run_filters_around_rests
+from gliderhpc.estimation.rests import describe_rests, run_filters_around_rests
 from gliderhpc.estimation.self_motion import glide_angle_motion
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider
@@ -107,3 +107,16 @@ def test_a_hovering_glider_rests_and_a_slow_record_of_a_turn_does_not():
     slow = replaced(hovering, measurements=np.column_stack([np.zeros((6001, 3)), turn]), weights=np.ones(6001))
     slow = replaced(slow, time=0.1 * np.arange(6001), sample_interval=60.0)
     assert find_rests(slow) == []
+
+
+def test_rests_at_different_depths_are_described_by_both():
+    """All of them had been at the depth of the longest."""
+    series = glide_with_rest(120.0).series
+    depth = series.measurements[:, 3]
+    rests = tuple(
+        (int(np.argmin(np.abs(depth - at))), int(np.argmin(np.abs(depth - at))) + 300) for at in (110.0, 170.0)
+    )
+    (line,) = describe_rests(replaced(series, rests=rests))
+    low, high = (float(np.median(depth[begin:stop])) for begin, stop in rests)
+    assert f" at {low:.0f} to {high:.0f} m, in 2 parts, " in line
+    assert "is up to " in line

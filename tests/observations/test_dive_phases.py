@@ -196,3 +196,10 @@ def test_pauses_in_parts_are_one_note():
     again = time[-1] + 1.0 + time
     (note,) = notes(np.concatenate([time, again]), np.concatenate([depth, depth]))
     assert "at 100 m, in 2 parts" in note
+
+
+def test_pauses_at_different_depths_are_not_at_a_depth_between_them():
+    first, second = dive(still=900.0), dive(deepest=60.0, still=900.0)
+    time = np.concatenate([first[0], first[0][-1] + 1.0 + second[0]])
+    (note,) = notes(time, np.concatenate([first[1], second[1]]))
+    assert "at 60 to 100 m, in 2 parts" in note

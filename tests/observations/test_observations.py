@@ -533,3 +533,41 @@ def test_variables_in_a_group_are_named(tmp_path):
     assert "has no variable outside its groups (obs); write them to a file without groups" in refusal(
         tmp_path / "grouped.nc"
     )
+
+
+@pytest.mark.parametrize(
+    ("units", "remedy"),
+    [("days since -4713-11-24 12:00:00", "subtract 2440587.5"), ("days since 0000-01-01", "subtract 719529")],
+)
+def test_day_counts_of_other_programs_have_a_remedy(tmp_path, units, remedy):
+    def edit(dataset):
+        dataset["time"].attrs["units"] = units
+
+    assert f"{remedy}, and write 'days since 1970-01-01'" in refusal(edited(tmp_path, edit))
+
+
+def test_fixes_under_other_names_are_named(tmp_path):
+    """The warning had only been that there was no fix."""
+    path = edited(tmp_path, lambda dataset: dataset.rename(fix_latitude="lat", fix_longitude="LONGITUDE"))
+    with open_observations(path) as observations:
+        (warning,) = observations.warnings
+    assert "it lacks fix_latitude, fix_longitude, but has lat, LONGITUDE: rename the positions" in warning
+
+
+def test_a_file_without_samples_is_named(tmp_path):
+    assert "has no samples: time has length 0" in refusal(edited(tmp_path, lambda dataset: dataset.isel(time=slice(0))))
+
+
+def test_groups_that_are_not_read_are_named_where_variables_are_missing(tmp_path):
+    path = tmp_path / "mixed.nc"
+    with xr.open_dataset(write(tmp_path), decode_times=False) as dataset:
+        dataset[["time", "depth"]].to_netcdf(path)
+        dataset.drop_vars("depth").to_netcdf(path, group="more", mode="a")
+    assert "its groups (more) are not read: write their variables outside of groups" in refusal(path)
+
+
+def test_links_to_nothing_and_addresses_are_named(tmp_path):
+    loop = tmp_path / "loop.nc"
+    loop.symlink_to(loop)
+    assert "is a symbolic link to a file or folder that does not exist, or to itself" in refusal(loop)
+    assert "is an address; give the path alone" in refusal(Path("file:/data/m.nc"))

@@ -70,6 +70,13 @@ def report(studied, tmp_path_factory):
     return out
 
 
+def test_the_overview_has_the_minus_sign_of_the_tables(report):
+    """The median current had a hyphen."""
+    page = (report / "index.html").read_text(encoding="utf-8")
+    (median,) = re.findall(r"[^>]*m/s north, [^<]*m/s east", page)
+    assert "-" not in median
+
+
 @pytest.fixture(scope="module")
 def profile_report(studied, report):
     answer = program("report", studied, "--out", report, "--profile", 2)

@@ -7,12 +7,14 @@ prevent the estimation of the other profiles (`gliderhpc.observations.checks.pro
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from gliderhpc.errors import InputError
+from gliderhpc.observations.files.file_content import describe_groups
 from gliderhpc.observations.files.foreign import HELPFUL_ORDER, OWN_FILES, describe_found, importer_of
 from gliderhpc.observations.format import VARIABLES, Variable
 from gliderhpc.observations.importing.position_form import may_be_minutes
@@ -223,7 +225,7 @@ def _check_complete(names: Sequence[str], path: str) -> None:
         parts.append("convert the file to the observation format (`gliderhpc import`)")
     if found:
         parts.append(f"it has {found}")
-    raise InputError(f"{path}: {'; '.join(parts)}")
+    raise InputError(f"{path}: {'; '.join(parts)}{describe_groups(Path(path))}")
 
 
 def _check_time(array: xr.DataArray, dimension: str, path: str) -> None:

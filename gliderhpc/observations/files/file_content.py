@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import netCDF4
+
 from gliderhpc.output_files import fault_of_name
 
 _HEADS = (
@@ -37,6 +39,10 @@ def describe_missing(path: Path) -> str:
     """Describe a path that does not exist, an address of the web among them."""
     if path.parts[:1] in (("http:",), ("https:",), ("ftp:",)):
         return "is an address; download the file, and give its path"
+    if path.parts[:1] == ("file:",):
+        return "is an address; give the path alone"
+    if path.is_symlink():
+        return "is a symbolic link to a file or folder that does not exist, or to itself"
     return "no such file or folder"
 
 
@@ -47,6 +53,15 @@ def _head(path: Path) -> bytes | None:
             return stream.read(64)
     except OSError:
         return None
+
+
+def describe_groups(path: Path) -> str:
+    """Clause that names the groups of a netCDF file, which are not read; empty if there are none."""
+    if not path.is_file() or not (_head(path) or b"").startswith(_NETCDF_HEADS):
+        return ""
+    with netCDF4.Dataset(path) as content:
+        groups = list(content.groups)
+    return f"; its groups ({', '.join(groups)}) are not read: write their variables outside of groups" if groups else ""
 
 
 _NETCDF_HEADS = (b"\x89HDF", b"CDF")

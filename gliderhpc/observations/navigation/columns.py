@@ -1,6 +1,7 @@
 """Quantities of a current among the variables of a Dataset of any source, read in our units; with measured velocity."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gsw
@@ -20,6 +21,7 @@ from gliderhpc.observations.files.columns import (
     find_name,
     usual_fills,
 )
+from gliderhpc.observations.files.file_content import describe_groups
 from gliderhpc.observations.files.headings import VEHICLE_COLUMNS, North, file_declination, north_of
 from gliderhpc.observations.files.packed import PACKING
 from gliderhpc.observations.files.quality_flags import Rejected, find_rejected, numeric_flags
@@ -177,6 +179,7 @@ class NavigationColumns(NamedColumns):
             raise InputError(
                 f"{self.source}: has no {', '.join(lacking)}; a depth-averaged current needs time, depth, pitch, "
                 f"heading and GPS fixes; {needs_of_inversion(self)}{self._of_several_dimensions()}"
+                f"{describe_groups(Path(self.source))}"
             )
         samples = self.dimension
         found = [self.find(name) for name in ("depth", "pitch", "heading")]

@@ -13,7 +13,7 @@ from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fi
 from gliderhpc.observations.navigation.columns import NavigationColumns
 from gliderhpc.observations.profiles import SURFACE_MARGIN, IntArray, floating_level
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.survey import MAX_GPS_DEPTH
+from gliderhpc.observations.survey import AS_MINUTES, MAX_GPS_DEPTH, agree_as_minutes
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, plausible_times
 
 Mask = npt.NDArray[np.bool_]
@@ -105,7 +105,10 @@ def _of_receiver(columns: NavigationColumns, remarks: list[str]) -> SurfacePosit
             f"receiver gives: only those at the surface are used, with an error of {POSITION_ERROR:g} m"
         )
     error = POSITION_ERROR if submerged.any() else RECEIVER_ERROR
-    return _with_rounding(SurfacePositions(screen_fixes(time, latitude, longitude, known & ~submerged), error, remarks))
+    fixes = screen_fixes(time, latitude, longitude, known & ~submerged)
+    if not len(fixes.time) and agree_as_minutes(time, latitude, longitude, known & ~submerged):
+        remarks.append(AS_MINUTES)
+    return _with_rounding(SurfacePositions(fixes, error, remarks))
 
 
 def _out_of_range(columns: NavigationColumns, kind: str) -> list[str]:

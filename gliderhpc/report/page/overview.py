@@ -1,5 +1,7 @@
 """Overview of the mission: facts, outcomes, track, depths, currents and timing."""
 
+import re
+
 import numpy as np
 
 from gliderhpc.archive.mission import Summary
@@ -51,6 +53,9 @@ def _facts(summary: Summary, table: MissionTable) -> dict[str, str]:
             f"median {np.nanmedian(speed):.3f} m/s, maximum {np.nanmax(speed):.3f} m/s; median standard deviation of "
             f"a component {finite_median(table.current_std):.3f} m/s; {table.adopted.label}"
         )
+    if table.with_current.any():
+        # The minus sign of the page's tables, which a terminal may lack.
+        known["median current"] = re.sub(r"(?<!\S)-(?=\d)", "−", known["median current"])
     first, last = ({name: known[name] for name in names if name in known} for names in (_FIRST, _LAST))
     return {**first, **flight, **last}
 
