@@ -333,13 +333,20 @@ def survey_of(stored: StoredVariables) -> Survey:
     depth = glide["depth"]
     faults |= check_pace(time, depth, places, faults)
     faults |= check_signs(time, glide, places, faults)
-    faults |= _wrong_depth_units(stored, depth, places, faults)
+    wrong_units, doubtful_depth = _compare_with_pressure(stored, depth, places, faults)
+    faults |= wrong_units
     faults = {number: faults[number] for number in places if number in faults}
     fixes, warnings = _fixes(stored)
     spans = time_spans(time, places)
     doubts = submerged_fixes(time, depth, spans, faults, fixes) | _after_clock_steps(time, places, clock_faults)
     unnumbered = None if numbers is None else describe_unnumbered(numbers, time, depth)
-    remarks = (doubtful_unit, unnumbered, *warnings, _describe_without_fix_between(spans, faults, fixes))
+    remarks = (
+        doubtful_unit,
+        doubtful_depth,
+        unnumbered,
+        *warnings,
+        _describe_without_fix_between(spans, faults, fixes),
+    )
     return Survey(spans, faults, (*missing, *filter(None, remarks)), fixes, doubts, untimed)
 
 
@@ -411,22 +418,29 @@ def _check_sense(stored: StoredVariables) -> None:
         raise InputError(f"{stored.path}: depth is {found}; {remedy}")
 
 
-def _wrong_depth_units(
+def _compare_with_pressure(
     stored: StoredVariables, depth: FloatArray, places: Mapping[int, Span], faults: Mapping[int, str]
-) -> dict[int, str]:
-    """Faults of the profiles whose depth, compared with the pressure of the same samples, is in another unit."""
+) -> tuple[dict[int, str], str]:
+    """Faults of profiles whose depth is in another unit than the pressure shows, and a remark on other differences.
+
+    The remark is on the first of these profiles; it is empty if there are none.
+    """
     if "pressure" not in stored:
-        return {}
+        return {}, ""
     pressure = stored.numbers("pressure", 0, len(depth))
     found: dict[int, str] = {}
+    remarks: list[str] = []
     for number, (start, stop) in places.items():
         if number in faults:
             continue
         try:
-            check_depth_unit(f"profile {number}", depth[start:stop], pressure[start:stop])
+            doubts = check_depth_unit(f"profile {number}", depth[start:stop], pressure[start:stop])
         except InputError as error:
             found[number] = str(error)
-    return found
+        else:
+            remarks += [f"profile {number}: {doubt}" for doubt in doubts]
+    more = f" (and in {len(remarks) - 1} more)" if len(remarks) > 1 else ""
+    return found, f"{remarks[0]}{more}" if remarks else ""
 
 
 def _locate(

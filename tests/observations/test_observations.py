@@ -571,3 +571,17 @@ def test_links_to_nothing_and_addresses_are_named(tmp_path):
     loop.symlink_to(loop)
     assert "is a symbolic link to a file or folder that does not exist, or to itself" in refusal(loop)
     assert "is an address; give the path alone" in refusal(Path("file:/data/m.nc"))
+
+
+def test_a_pressure_in_another_unit_is_named(tmp_path):
+    """It had been left out of the density without a remark."""
+
+    def edit(dataset):
+        return dataset.assign(pressure=("time", 1e4 * dataset["depth"].values, {"units": "dbar"}))
+
+    with open_observations(edited(tmp_path, edit)) as observations:
+        (warning,) = observations.warnings
+    assert warning.startswith(
+        "profile 1: the depth is 0.000101 times that from pressure (dbar): check the units of both"
+    )
+    assert warning.endswith(" (and in 2 more)")
