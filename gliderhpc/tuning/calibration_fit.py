@@ -114,8 +114,10 @@ and M012 and SG033, at least 2.5.
 """
 
 _MISSED = 3.0
-"""Ratio of the errors of depth rate or pitch to those at the start of the search beyond which the fit misses them: rates
-of turn in disturbed water, with which the lateral terms are fitted, have led the search away from the glides."""
+"""Ratio of the errors of depth rate or pitch to those at the start of the search beyond which the fit misses them.
+
+Rates of turn in disturbed water, to which the lateral terms are fitted, have then led the search away from the glides.
+"""
 
 _MAX_COST_RATIO = 1.25
 """Ratio of costs above which a fit with the lateral terms held is rejected. On twins whose platform is the true hull,
