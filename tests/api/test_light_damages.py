@@ -45,7 +45,10 @@ def test_fixes_flagged_bad_are_not_used():
     flags = np.ones(records.sizes["fix"], dtype=np.int8)
     flags[2:4] = 4
     found = currents(records.assign(fix_latitude_QC=("fix", flags)))
-    assert _known(found) == [3]
+    # Dives 1 and 2 have only their mean, from the fix before the first to that after the second.
+    means = [int(number) for number, text in zip(found["profile"], _messages(found), strict=True) if "the mean" in text]
+    assert means == [1, 2]
+    np.testing.assert_allclose(found["dac_north"], GLIDE.current[0], atol=5e-3)
     assert "values flagged bad or missing are not used: 2 of fix_latitude (fix_latitude_QC)" in found.attrs["comment"]
     good = currents(mission(GLIDE).assign(fix_latitude_QC=("fix", np.zeros(len(flags), dtype=np.int8))))
     assert _known(good) == [1, 2, 3]
