@@ -37,14 +37,18 @@ START_COUNT = 3
 START_SPREAD = 2.0
 
 REFUTING_RISE = 0.25
-"""Rise of the cost, relative to it, beyond which the platform's value is refuted: of the sum over all errors, or of the
-mean over the kinds of errors. The errors of segments are too dependent for a ratio of likelihoods, and for standard
-errors: on a simulated mission a lift five standard errors away from the platform's lowered the cost by 0.006 of itself
-and made the currents wrong by 0.08 m/s. On another one, in yaw impulses, rates of turn were nine tenths of the cost: a
-hull that misses the depth rate by 25 cm/s raised the sum by less than a quarter."""
+"""Rise of the cost, relative to it, beyond which the platform's value is refuted. The errors of segments are too
+dependent for a ratio of likelihoods, and for standard errors: on a simulated mission a lift five standard errors away
+from the platform's lowered the cost by 0.006 of itself and made the currents wrong by 0.08 m/s. On two others, lift and
+drag at the platform's values together raised it by 1.3 and 8.0, and a hull with one of them at that value was worse."""
 
-SMALL_COST = 4.5
-"""Cost of a residual of three deviations: smaller rises refute no value."""
+REFUTING_RISE_OF_KIND = 4.0
+"""The same for one kind of errors. On a simulated mission in yaw impulses, rates of turn were nine tenths of the cost: a
+hull that misses the depth rate by 25 cm/s raised the sum by less than a quarter, and the cost of depth rate or pitch by
+8 to 14 times. In disturbed water these costs rise by up to 2 with values that are right."""
+
+MIN_REFUTING_RISE = 4.5
+"""Rise of the cost below which no value is refuted: that of a residual of three deviations."""
 
 COARSE_TOLERANCE, DEFAULT_TOLERANCE, FINE_TOLERANCE = 1e-4, 1e-6, 1e-8
 """Relative change of the cost at which a fit ends: from a starting point, during the search, and in the final fit."""
@@ -146,7 +150,7 @@ class CalibrationSearch:
         """Negative log-likelihood of errors of unknown scales (Laplace's, robust), plus that of the prior."""
         errors = np.abs(self._errors(self.steps))
         sizes = [(rows.sum(), max(float(errors[rows].mean()), least)) for rows, least in self._kinds() if rows.any()]
-        return float(sum(count * math.log(size) for count, size in sizes) + _prior_cost(self.steps))
+        return float(sum(count * math.log(size) for count, size in sizes) + _robust_costs(self.steps).sum())
 
     def cost_of(self, steps: Array) -> float:
         """Robust cost of some steps (p,), without a prior, with the present scales."""
@@ -241,9 +245,10 @@ class CalibrationSearch:
     def _is_refuted(self, index: int, confounded_with: Sequence[int]) -> bool:
         """Fit with the prior, and return whether the glides refute the platform's value of a free parameter.
 
-        They refute it if the cost of a fit rises by `REFUTING_RISE` with that value, or if it does so
-        where the parameters that the glides do not separate from it have the platform's values: otherwise these would
-        compensate for it, far from their own. The errors' slopes at the most probable value do not decide: it can be
+        They refute it if the cost of a fit, prior included, rises by `REFUTING_RISE` with that value, or the cost of
+        one kind of errors by `REFUTING_RISE_OF_KIND`, or if one does so where the parameters that the glides do not
+        separate from it have the platform's values: otherwise these would compensate for it, far from their own. The
+        errors' slopes at the most probable value do not decide: it can be
         many standard errors away although the cost hardly depends on it. A value near the platform's does not refute
         it. The steps afterwards are the most probable ones, or those with the platform's value.
         """
@@ -261,39 +266,32 @@ class CalibrationSearch:
     def _cost_rises(self, probable: Array, index: int, others: Sequence[int]) -> bool:
         """Return whether the cost rises by too much with the platform's value, and `others` held there as well."""
         free, self.steps = self.free.copy(), probable.copy()
-        before = self._fit_at_platform(index, others)
-        after = self._fit_at_platform(index, [*others, index])
+        before = self._costs_at_platform(others)
+        rise = self._costs_at_platform([*others, index]) - before
         self.free = free
-        rises = after - before
-        in_sum = rises.sum() > max(REFUTING_RISE * before.sum(), SMALL_COST)
-        by_kind = np.mean(rises / (before + SMALL_COST)) > REFUTING_RISE
-        return bool(in_sum or by_kind)
+        in_total = rise[-1] > max(REFUTING_RISE * before[-1], MIN_REFUTING_RISE)
+        in_kind = rise[:-1] > REFUTING_RISE_OF_KIND * (before[:-1] + MIN_REFUTING_RISE)
+        return bool(in_total or in_kind.any())
 
-    def _fit_at_platform(self, index: int, held: Sequence[int]) -> Array:
-        """Hold some parameters at the platform's values, fit the others with the prior, and return `_costs_of_kinds`.
+    def _costs_at_platform(self, indices: Sequence[int]) -> Array:
+        """Hold some parameters at the platform's values, fit the others with the prior, and return the costs.
 
-        They go to these values in several fits: on the direct way, others were caught in false minima.
+        They go to these values in several fits: on the direct way, others were caught in false minima. The costs are
+        those of each kind of errors, and last the one that the fit minimises.
         """
-        start = self.steps[held]
-        self.free[held] = False
+        start = self.steps[indices]
+        self.free[indices] = False
         for remaining in np.linspace(1.0, 0.0, math.ceil(np.abs(start).max(initial=0.0) / _STAGE) + 1)[1:]:
-            self.steps[held] = remaining * start
+            self.steps[indices] = remaining * start
             self._fit(prior=1.0)
-        return self._costs_of_kinds(index)
-
-    def _costs_of_kinds(self, index: int) -> Array:
-        """Robust cost of each kind of errors to which a parameter is fitted, without a prior."""
-        rows = next(rows for rows, columns in self._errors.parts() if columns[index])
         costs = _robust_costs(self._errors(self.steps) / self._scale_of_each())
-        return np.array([costs[self._errors.kind == kind].sum() for kind in np.unique(self._errors.kind[rows])])
+        flatness = self._errors.flatness(self.steps) / FLATNESS
+        penalties = _robust_costs(np.append(self.steps, flatness))
+        return np.array([*(costs[rows].sum() for rows, _ in self._kinds()), costs.sum() + penalties.sum()])
 
     def _fit(self, prior: float, tolerance: float = DEFAULT_TOLERANCE) -> None:
-        """Fit the free parameters, separately for each part of the errors (`SegmentErrors.parts`).
-
-        Straight flight, the first part, comes last: the battery's eccentricity, which turns determine, acts on the
-        pitch as well.
-        """
-        for rows, columns in reversed(self._errors.parts()):
+        """Fit the free parameters, separately for each part of the errors (`SegmentErrors.parts`)."""
+        for rows, columns in self._errors.parts():
             chosen = np.flatnonzero(self.free & columns)
             if len(chosen):
                 self._fit_part(rows, chosen, prior, tolerance)
@@ -348,13 +346,8 @@ class CalibrationSearch:
         return [(self._errors.kind == kind, least) for kind, least in enumerate(MIN_SCALES)]
 
 
-def _prior_cost(steps: Array) -> float:
-    """Cost of the prior, under the robust loss of the fit."""
-    return float(_robust_costs(steps).sum())
-
-
 def _robust_costs(normalised: Array) -> Array:
-    """Cost of each error over its scale, under the robust loss of the fit."""
+    """Costs of errors over their scales, under the robust loss of the fit."""
     return np.asarray(np.sqrt(1.0 + normalised**2) - 1.0)
 
 
@@ -390,14 +383,10 @@ def correlated_scale(errors: Array, leg: NDArray[np.int64], least: float) -> flo
 
     Notes
     -----
-    The robust deviation is the median error's, or a third of the mean error if most errors are much smaller than some:
-    rates of turn between impulses of the water are almost exact, and those in the impulses, hundreds of deviations
-    away, would outweigh all errors of the other kinds.
     The scale is the robust deviation times ``sqrt(sum_legs (sum e)^2 / sum e^2)``. This factor is the scatter of sums
     over a leg relative to that of independent errors.
     """
-    sizes = np.abs(errors)
-    deviation = max(MAD_TO_STD * float(np.median(sizes)), float(np.mean(sizes)) / _LARGE_RESIDUAL, least)
+    deviation = max(MAD_TO_STD * float(np.median(np.abs(errors))), least)
     clipped = np.clip(errors, -_LARGE_RESIDUAL * deviation, _LARGE_RESIDUAL * deviation)
     _, group = np.unique(leg, return_inverse=True)
     inflation = float(np.sum(np.bincount(group, clipped) ** 2) / max(np.sum(clipped**2), least**2))
