@@ -43,9 +43,9 @@ from the platform's lowered the cost by 0.006 of itself and made the currents wr
 drag at the platform's values together raised it by 1.3 and 8.0, and a hull with one of them at that value was worse."""
 
 REFUTING_RISE_OF_KIND = 4.0
-"""The same for one kind of errors. On a simulated mission in yaw impulses, rates of turn were nine tenths of the cost: a
-hull that misses the depth rate by 25 cm/s raised the sum by less than a quarter, and the cost of depth rate or pitch by
-8 to 14 times. In disturbed water these costs rise by up to 2 with values that are right."""
+"""The same for one kind of errors. On a simulated mission in yaw impulses, rates of turn were nine tenths of the cost:
+a hull that misses the depth rate by 25 cm/s raised the sum by less than a quarter, but the cost of depth rate or pitch
+by 8 to 14 times. In disturbed water these costs double or triple with values that are right."""
 
 MIN_REFUTING_RISE = 4.5
 """Rise of the cost below which no value is refuted: that of a residual of three deviations."""
