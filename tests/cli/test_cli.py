@@ -529,7 +529,8 @@ def test_a_file_without_fixes_is_accepted_with_a_warning(brief, run, tmp_path):
     assert answer.status == 0
     warnings = [line for line in answer.err.splitlines() if line.startswith("warning: ")]
     assert warnings == [
-        "warning: there is no usable GPS fix in the file: profiles are inverted, but their currents will be NaN"
+        "warning: there is no usable GPS fix in the file (it lacks fix_time, fix_latitude, fix_longitude): profiles "
+        "are inverted, but their currents will be NaN"
     ]
     table = table_of(store)
     assert list(table["status"].values) == ["done"] * 3

@@ -40,7 +40,7 @@ _ERRORS, _CHANGES = 5, 3
 _UNKNOWNS = _ERRORS + _CHANGES
 
 _ADVICE = (
-    "compare profiles from the beginning and the end with `--profiles`; correct each part with its own "
+    "compare profiles from the beginning and the end of the mission (`profiles`); correct each part with its own "
     "`records.heading_offset` and `records.heading_deviation`"
 )
 
