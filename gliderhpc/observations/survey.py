@@ -82,6 +82,8 @@ class StoredVariables:
 
         The times increase, and the numbers of the samples remain.
         """
+        if np.array_equal(rows, self._untimed):
+            return
         self._untimed = rows
         self._whole_numbers.clear()
         if "time" in self._whole:

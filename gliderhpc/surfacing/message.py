@@ -5,6 +5,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from gliderhpc.findings.formatting import polar, with_deviation
+from gliderhpc.tuning.hull_changes import PROBABLE
 from gliderhpc.wording import counted
 
 MESSAGE_VERSION = "1.4"
@@ -216,6 +217,11 @@ class SurfacingMessage(_Part):
         (), description="ballast, battery and offsets, where the dives so far determine them"
     )
     hull_warning: str = Field("", description="warnings on trim and changes of the hull")
+
+    @property
+    def names_a_change(self) -> bool:
+        """Return whether a single parameter of the hull has probably changed."""
+        return any(change.probability >= PROBABLE for change in self.hull_changes)
 
     @property
     def only_current_changed(self) -> bool:

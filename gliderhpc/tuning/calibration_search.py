@@ -227,7 +227,7 @@ class CalibrationSearch:
         return HeldParameter(worst, CalibrationVerdict.UNDETERMINED) if scatter[worst] > 1.0 else None
 
     def _hold(self, held: HeldParameter) -> None:
-        """Hold a parameter at the platform's value unless the glides refute that value (`_are_refuted`).
+        """Hold a parameter at the platform's value unless the glides refute that value (`_is_refuted`).
 
         If they do, the parameter is held at its most probable value, or at the bound if that is beyond it. The
         platform's value would enlarge the errors, and the glides would then determine less of all other parameters.

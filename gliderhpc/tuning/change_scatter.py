@@ -5,11 +5,9 @@ for example, look like another lift in the dives that cross them. A few such div
 for a change. The error may therefore also differ from dive to dive at random, by an unknown standard deviation.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition
+from gliderhpc.tuning.gaussian_chain import Array, Information
 
 LEVELS = (0.0, 0.05, 0.12, 0.3, 0.7, 1.6)
 """Standard deviations tried for the scatter, in plausible deviations of the error."""
@@ -49,12 +47,27 @@ def widened(term: Information, deviation: Array) -> Information:
     return Information(term.vector - columns @ solved[:, -1], 0.5 * (matrix + matrix.T), constant)
 
 
-def log_evidence(prior: Gaussian, changes: Sequence[Transition], terms: Sequence[Information]) -> float:
-    """Log evidence of the dives, one after the other."""
-    belief, total = prior, 0.0
-    for number, term in enumerate(terms):
-        if number:
-            belief = changes[number - 1].applied(belief)
-        belief, gained = belief.updated(term)
-        total += float(gained)
-    return total
+def averaged(log_weight: Array, log_ratio: Array, size: Array, variance: Array) -> tuple[Array, Array, Array]:
+    """Average the evidence of candidates, and their sizes, over levels of the scatter.
+
+    Parameters
+    ----------
+    log_weight : (l,)
+        Log weights of the levels without a change.
+    log_ratio : (l, ...)
+        Log evidence of the candidates relative to no change at the same level.
+    size, variance : (l, ...) or (l, ..., k)
+        Means and variances of the candidates' sizes, one or several of each.
+
+    Returns
+    -------
+    log_ratio, size, variance
+        Without the axis of the levels.
+    """
+    each = log_weight.reshape(-1, *[1] * (log_ratio.ndim - 1)) + log_ratio
+    evidence = np.logaddexp.reduce(each, axis=0)
+    share = np.exp(each - evidence)
+    share = share.reshape(share.shape + (1,) * (size.ndim - share.ndim))
+    mean = np.sum(share * size, axis=0)
+    spread = np.sum(share * (variance + (size - mean) ** 2), axis=0)
+    return evidence - np.logaddexp.reduce(log_weight), mean, spread

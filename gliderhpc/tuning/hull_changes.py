@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gliderhpc.tuning.change_scatter import LEVELS, LOG_PRIOR, log_evidence, widened
+from gliderhpc.tuning.change_scatter import LEVELS, LOG_PRIOR, averaged, widened
 from gliderhpc.tuning.gaussian_chain import Array, Gaussian, Information, Transition
 from gliderhpc.tuning.mission_hull import HullPrior, ProfileTerm, changes_of
 from gliderhpc.tuning.weighted_sum import SumProblem, WeightedSum
@@ -213,16 +213,17 @@ class ChangeChain:
 
     def candidates(self, parameter: int, companion: int | None) -> list["_Candidates"]:
         """Candidates for the change of an error, alone and with its companion."""
-        return self._candidates(self._terms, parameter, companion)
+        return self._with_and_without(self._likelihood({}, parameter, companion))
 
     def candidates_with_scatter(self, parameter: int, companion: int | None) -> list["_Candidates"]:
         """Candidates for the change of an error that also scatters from dive to dive, averaged over `LEVELS`."""
-        unchanged, by_level = [], []
-        for level in LEVELS:
-            terms = self._scattered({parameter: level})
-            unchanged.append(log_evidence(self._prior, self._changes((parameter,)), terms))
-            by_level.append(self._candidates(terms, parameter, companion))
-        return [_over_levels(LOG_PRIOR + unchanged, each) for each in zip(*by_level, strict=True)]
+        likelihoods = [self._likelihood({parameter: level}, parameter, companion) for level in LEVELS]
+        log_weight = LOG_PRIOR + [each.log_evidence for each in likelihoods]
+        by_level = [self._with_and_without(each) for each in likelihoods]
+        return [
+            _Candidates(*averaged(log_weight, *map(np.array, zip(*each, strict=True))))
+            for each in zip(*by_level, strict=True)
+        ]
 
     def scatter(self, parameter: int) -> float:
         """Standard deviation (root mean square) of an error's scatter from dive to dive, in plausible deviations.
@@ -231,25 +232,22 @@ class ChangeChain:
         """
         evidence = []
         for level in LEVELS:
-            terms = self._scattered({parameter: level})
-            (candidates,) = self._candidates(terms, parameter, None)
-            unchanged = log_evidence(self._prior, self._changes((parameter,)), terms)
-            evidence.append(unchanged + np.logaddexp(0.0, candidates.log_evidence))
+            likelihood = self._likelihood({parameter: level}, parameter, None)
+            (candidates,) = self._with_and_without(likelihood)
+            evidence.append(likelihood.log_evidence + np.logaddexp(0.0, candidates.log_evidence))
         log_weight = LOG_PRIOR + evidence
         share = np.exp(log_weight - np.logaddexp.reduce(log_weight))
         return float(np.sqrt(share @ np.square(LEVELS)))
 
     def joint_likelihood(
         self, parameters: Sequence[int], scatter: Mapping[int, float] | None = None
-    ) -> tuple[Array, Array, float]:
-        """Score and information of the sizes of errors that change together, as in `size_likelihood`.
+    ) -> "SizeLikelihood":
+        """Likelihood of the sizes of errors that change together.
 
-        The errors scatter from dive to dive by the standard deviations given. Also return the log evidence of the
-        dives without a change.
+        The errors scatter from dive to dive by the standard deviations given.
         """
         terms, changes = self._scattered(scatter or {}), self._changes(parameters)
-        likelihood = size_likelihood(self._prior, changes, terms, parameters, self._shapes)
-        return *likelihood, log_evidence(self._prior, changes, terms)
+        return size_likelihood(self._prior, changes, terms, parameters, self._shapes)
 
     def _scattered(self, deviations: Mapping[int, float]) -> list[Information]:
         """Information of the dives if some errors scatter from dive to dive, by the errors' standard deviations."""
@@ -257,11 +255,16 @@ class ChangeChain:
         deviation[list(deviations)] = list(deviations.values())
         return [widened(term, deviation) for term in self._terms]
 
-    def _candidates(self, terms: Sequence[Information], parameter: int, companion: int | None) -> list["_Candidates"]:
+    def _likelihood(self, scatter: Mapping[int, float], parameter: int, companion: int | None) -> "SizeLikelihood":
+        """Likelihood of the sizes of an error and of its companion, which keeps its random walk."""
         changing = (parameter,) if companion is None else (parameter, companion)
         changes = self._changes((parameter,))
-        score, information = size_likelihood(self._prior, changes, terms, changing, self._shapes)
-        counts = range(1, len(changing) + 1)
+        return size_likelihood(self._prior, changes, self._scattered(scatter), changing, self._shapes)
+
+    def _with_and_without(self, likelihood: "SizeLikelihood") -> list["_Candidates"]:
+        """Candidates for the change of the first error alone, and together with its companion if there is one."""
+        score, information = likelihood.score, likelihood.information
+        counts = range(1, score.shape[1] + 1)
         return [_candidates(score[:, :count], information[:, :count, :count], self._size) for count in counts]
 
     def _changes(self, constant: Sequence[int]) -> list[Transition]:
@@ -311,22 +314,19 @@ class _Candidates(NamedTuple):
 
 def _candidates(score: Array, information: Array, size: float) -> _Candidates:
     """Evidence and first size of candidates, from score ``(m, k)`` and information ``(m, k, k)`` of their k sizes."""
-    count = score.shape[1]
-    covariance = np.linalg.inv(information + np.eye(count) / size**2)
-    mean = np.einsum("mkl,ml->mk", covariance, score)
-    log_ratio = np.asarray(0.5 * np.sum(score * mean, axis=1) + 0.5 * np.linalg.slogdet(covariance / size**2)[1])
+    log_ratio, mean, covariance = size_posterior(score, information, size)
     return _Candidates(log_ratio, mean[:, 0], np.asarray(covariance[:, 0, 0]))
 
 
-def _over_levels(log_weight: Array, by_level: Sequence[_Candidates]) -> _Candidates:
-    """Average candidates over levels of the scatter, from the log weights (l,) of the levels without a change."""
-    each = log_weight[:, None] + [candidates.log_ratio for candidates in by_level]
-    evidence = np.logaddexp.reduce(each, axis=0)
-    share = np.exp(each - evidence)
-    sizes, variances = (np.array([getattr(c, name) for c in by_level]) for name in ("size", "variance"))
-    size = np.sum(share * sizes, axis=0)
-    variance = np.sum(share * (variances + (sizes - size) ** 2), axis=0)
-    return _Candidates(evidence - np.logaddexp.reduce(log_weight), size, variance)
+def size_posterior(score: Array, information: Array, size: float) -> tuple[Array, Array, Array]:
+    """Log evidence ``(m,)`` of candidates relative to no change, and mean ``(m, k)`` and covariance of their k sizes.
+
+    `score` (m, k) and `information` (m, k, k) are those of the sizes about zero, whose prior deviation is `size`.
+    """
+    covariance = np.linalg.inv(information + np.eye(score.shape[1]) / size**2)
+    mean = np.einsum("mkl,ml->mk", covariance, score)
+    log_ratio = 0.5 * np.sum(score * mean, axis=1) + 0.5 * np.linalg.slogdet(covariance / size**2)[1]
+    return np.asarray(log_ratio), np.asarray(mean), np.asarray(covariance)
 
 
 def _shapes(profiles: Sequence[ProfileTerm], form: str) -> Array:
@@ -341,14 +341,30 @@ def _shapes(profiles: Sequence[ProfileTerm], form: str) -> Array:
     return np.asarray(np.where(changed, (day - start) / np.maximum(day[-1] - start, 1e-9), 0.0))
 
 
+class SizeLikelihood(NamedTuple):
+    """Likelihood of the sizes of candidates about zero.
+
+    Attributes
+    ----------
+    score, information : (m, k), (m, k, k)
+        Score and information of the k sizes of each of m candidates.
+    log_evidence : float
+        Log evidence of the profiles without a change.
+    """
+
+    score: Array
+    information: Array
+    log_evidence: float
+
+
 def size_likelihood(
     prior: Gaussian,
     changes: Sequence[Transition],
     terms: Sequence[Information],
     parameters: Sequence[int],
     shapes: Array,
-) -> tuple[Array, Array]:
-    """Score ``(m, k)`` and information ``(m, k, k)`` of the sizes of candidates about zero.
+) -> SizeLikelihood:
+    """Compute the likelihood of the sizes of candidates, in one pass over the profiles.
 
     Parameters
     ----------
@@ -363,7 +379,7 @@ def size_likelihood(
     shapes : (m, n)
         Course of the change over the profiles.
     """
-    belief = prior
+    belief, evidence = prior, 0.0
     candidates, sizes = len(shapes), len(parameters)
     sensitivity = np.zeros((len(prior.mean), candidates, sizes))
     score, information = np.zeros((candidates, sizes)), np.zeros((candidates, sizes, sizes))
@@ -376,13 +392,14 @@ def size_likelihood(
         for k, parameter in enumerate(parameters):
             seen[parameter, :, k] += shapes[:, number]
         missing = term.vector - term.matrix @ belief.mean
-        after, _ = belief.updated(term)
+        after, gained = belief.updated(term)
+        evidence += float(gained)
         believed = term.matrix - term.matrix @ after.covariance @ term.matrix
         score += np.tensordot(missing - term.matrix @ (after.covariance @ missing), seen, axes=1)
         information += np.einsum("pmk,pml->mkl", seen, np.tensordot(believed, seen, axes=1))
         sensitivity -= np.tensordot(after.covariance @ term.matrix, seen, axes=1)
         belief = after
-    return score, information
+    return SizeLikelihood(score, information, evidence)
 
 
 def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> ErrorChange:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gliderhpc.tuning.change_scatter import averaged
 from gliderhpc.tuning.gaussian_chain import Array
 from gliderhpc.tuning.hull_changes import (
     FORMS,
@@ -25,6 +26,7 @@ from gliderhpc.tuning.hull_changes import (
     change_chains,
     probability_of_evidence,
     single_changes,
+    size_posterior,
 )
 from gliderhpc.tuning.mission_hull import HullPrior, ProfileTerm
 
@@ -154,11 +156,8 @@ def _evidence_of(score: Array, information: Array, combined: Sequence[_Combinati
     ratio, means, variances = np.zeros(shape[:2]), np.zeros(shape), np.zeros(shape)
     for row, each in enumerate(combined):
         place = each.positions
-        precision = information[:, place][:, :, place] + np.eye(len(place)) / size**2
-        covariance = np.linalg.inv(precision)
-        mean = np.einsum("mkl,ml->mk", covariance, score[:, place])
+        gain, mean, covariance = size_posterior(score[:, place], information[:, place][:, :, place], size)
         means[row][:, place], variances[row][:, place] = mean, np.diagonal(covariance, axis1=1, axis2=2)
-        gain = 0.5 * np.sum(score[:, place] * mean, axis=1) + 0.5 * np.linalg.slogdet(covariance / size**2)[1]
         ratio[row] = gain + each.log_prior - np.log(len(score))
     return _Evidence(ratio, means, variances)
 
@@ -171,17 +170,10 @@ def _evidence_with_scatter(
     by_factor, unchanged = [], []
     for factor in _SCATTER_FACTORS:
         scatter = {i: factor * value for i, value in deviation.items()}
-        score, information, evidence = chain.joint_likelihood(members, scatter)
+        score, information, log_evidence = chain.joint_likelihood(members, scatter)
         by_factor.append(_evidence_of(score, information, combined, size))
-        unchanged.append(evidence)
-    none = np.array(unchanged)
-    each = none[:, None, None] + [one.log_ratio for one in by_factor]
-    evidence = np.logaddexp.reduce(each, axis=0)
-    share = np.exp(each - evidence)[..., None]
-    sizes, variances = np.array([one.size for one in by_factor]), np.array([one.variance for one in by_factor])
-    mean = np.sum(share * sizes, axis=0)
-    variance = np.sum(share * (variances + (sizes - mean) ** 2), axis=0)
-    return _Evidence(evidence - np.logaddexp.reduce(none), mean, variance)
+        unchanged.append(log_evidence)
+    return _Evidence(*averaged(np.array(unchanged), *map(np.array, zip(*by_factor, strict=True))))
 
 
 def _probability(found: Sequence[_Evidence]) -> float:

@@ -56,8 +56,8 @@ def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Paragraph]:
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
     """Yield a sentence for each probable or possible change of the hull, and for one that no parameter shows alone."""
-    joint, named = message.hull_joint_change, any(each.probability >= PROBABLE for each in message.hull_changes)
-    if joint is not None and joint.probability >= POSSIBLE and not named:
+    joint = message.hull_joint_change
+    if joint is not None and joint.probability >= POSSIBLE and not message.names_a_change:
         yield joint_sentence(joint, named=False, last=message.profile)
     for change in message.hull_changes:
         if change.probability >= POSSIBLE:

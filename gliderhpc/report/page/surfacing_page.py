@@ -7,7 +7,6 @@ from gliderhpc.report.page.content import Block, Facts, Notice, Page, PageSectio
 from gliderhpc.report.page.rendering import ReportFiles, write_page
 from gliderhpc.surfacing.message import Current, Ellipse, SurfacingMessage
 from gliderhpc.surfacing.recent_hull import joint_sentence
-from gliderhpc.tuning.hull_changes import PROBABLE
 from gliderhpc.wording import counted
 
 _DETERMINED = 0.7
@@ -127,8 +126,7 @@ def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
     }
     joint = message.hull_joint_change
     if joint is not None:
-        named = any(change.probability >= PROBABLE for change in message.hull_changes)
-        subject, _, text = joint_sentence(joint, named=named, last=message.profile).partition(": ")
+        subject, _, text = joint_sentence(joint, named=message.names_a_change, last=message.profile).partition(": ")
         rows = {subject: text} | rows
     return Paragraph(f"Changes of the hull over the last {counted(message.hull_changes[0].dives, 'dive')}."), Facts(
         rows

@@ -265,7 +265,7 @@ def largest_threshold(checks: CheckSettings) -> float:
     return max(checks.plausible_deviation, checks.least_deviation)
 
 
-def _first_decisive(findings: Sequence[Finding], checks: CheckSettings) -> int:
+def first_decisive(findings: Sequence[Finding], checks: CheckSettings) -> int:
     """Index of the first finding with a threshold of at most a plausible error; the last if there is none."""
     decisive = (index for index, finding in enumerate(findings) if finding.threshold <= largest_threshold(checks))
     return next(decisive, len(findings) - 1)
@@ -273,7 +273,7 @@ def _first_decisive(findings: Sequence[Finding], checks: CheckSettings) -> int:
 
 def _constant(fits: Sequence[CompassFit], legs: int, checks: CheckSettings, made: RecordSettings) -> Finding:
     findings = [_constant_of(fit, legs, checks, made) for fit in fits]
-    chosen = _first_decisive(findings, checks)
+    chosen = first_decisive(findings, checks)
     return undetermined_if_insensitive(
         findings[chosen], largest_threshold(checks), _more_legs(fits[chosen], legs, checks)
     )
@@ -315,7 +315,7 @@ def _deviation(
         reason = f"{counted(legs, 'leg')}: too few headings, or currents that differ too much"
         return undetermined(CHECK, DEVIATION, UNIT, reason)
     remedy = f"{counted(legs, 'leg')} and {turns.count} stretches of turns, but more are needed"
-    return undetermined_if_insensitive(findings[_first_decisive(findings, checks)], largest_threshold(checks), remedy)
+    return undetermined_if_insensitive(findings[first_decisive(findings, checks)], largest_threshold(checks), remedy)
 
 
 def _deviation_of(

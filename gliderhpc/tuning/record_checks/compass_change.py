@@ -17,6 +17,7 @@ from gliderhpc.tuning.record_checks.compass import (
     CompassFit,
     Leg,
     LegSystem,
+    first_decisive,
     largest_threshold,
     undetermined_if_rotating,
 )
@@ -83,7 +84,7 @@ def change_finding(legs: Sequence[Leg], checks: CheckSettings) -> Finding:
     system = LegSystem(growing, TurnInformation(np.zeros((_UNKNOWNS, _UNKNOWNS)), np.zeros(_UNKNOWNS), 0), checks)
     fits = [fit for fit in map(system.fitted, MODELS) if np.isfinite(fit.largest_error)]
     findings = [_finding(fit, len(legs), checks) for fit in fits]
-    chosen = next((i for i, each in enumerate(findings) if each.threshold <= largest_threshold(checks)), -1)
+    chosen = first_decisive(findings, checks)
     finding = undetermined_if_insensitive(
         findings[chosen], largest_threshold(checks), f"{counted(len(legs), 'leg')}, but more are needed"
     )
