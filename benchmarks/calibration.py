@@ -13,19 +13,20 @@ import numpy as np
 from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.calibration.glides_text import SCORES, figures, interval_text, remark_of
+from gliderhpc.calibration.glides.fit import Calibration, CalibrationVerdict, calibrate
+from gliderhpc.calibration.glides.segment_errors import choose_buoyancy
+from gliderhpc.calibration.glides.text import SCORES, figures, interval_text, remark_of
+from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.calibration.workflow import profiles_to_read, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.resample import on_steps
+from gliderhpc.estimation.steady_segments import SteadySegments, join_segments, segments_of, steady_segments
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import ATTITUDE_PARAMETERS, PARAMETERS, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario, simulate_profile
-from gliderhpc.tuning.calibration import CalibrateSettings, Calibration, CalibrationVerdict, calibrate
-from gliderhpc.tuning.segment_errors import choose_buoyancy
-from gliderhpc.tuning.steady_segments import SteadySegments, join_segments, segments_of, steady_segments
 
 PLATFORM = "petrel-l"
 TWINS = 60

@@ -17,7 +17,7 @@ from benchmarks.calibration import FIELD, UNFLOWN
 from benchmarks.command_line import positional
 from benchmarks.sections import with_section
 from gliderhpc import Glider, load_platform, open_mission
-from gliderhpc.calibration.glides_text import SCORES
+from gliderhpc.calibration.glides.text import SCORES
 from gliderhpc.cli.main import main as gliderhpc
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown

@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.calibration import HELD_OUT, PITCHES, PLATFORM, PROFILES, SETTINGS, draw_hull
 from gliderhpc import Glider, load_platform
+from gliderhpc.calibration.glides.fit import calibrate
 from gliderhpc.errors import GliderhpcError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings, Drift, current_uncertainty
 from gliderhpc.estimation.currents import current_from_displacement, cycles_of, depth_averaged_current
@@ -27,6 +28,7 @@ from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.steady_segments import join_segments, segments_of
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.observations import ProfileRecord
@@ -34,8 +36,6 @@ from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
 from gliderhpc.simulator import ProfileTruth, Scenario, simulate_profile
 from gliderhpc.studies.library.scores import COVERAGE, sigma_distance
-from gliderhpc.tuning.calibration import calibrate
-from gliderhpc.tuning.steady_segments import join_segments, segments_of
 from gliderhpc.twins.cases import paper_dive
 
 Row = dict[str, Any]

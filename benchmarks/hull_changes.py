@@ -18,10 +18,10 @@ from threadpoolctl import threadpool_limits
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.findings.findings import markdown
+from gliderhpc.mission_hull.estimate import ProfileTerm
+from gliderhpc.mission_hull.joint_change import find_hull_changes
+from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE
 from gliderhpc.studies.hull import MissionTerms, read_terms
-from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
-from gliderhpc.tuning.joint_change import find_hull_changes
-from gliderhpc.tuning.mission_hull import ProfileTerm
 
 DRAG, VOLUME, LIFT = "viscous.K_D0", "buoyancy.neutral_volume", "viscous.K_L"
 GROWTH, SCATTER = {DRAG: 0.5, VOLUME: 0.12}, 0.8

@@ -25,6 +25,7 @@ from gliderhpc import Glider
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samples
 from gliderhpc.calibration.estimated_hulls import CalibratedHull
+from gliderhpc.calibration.settings import USUAL_ROUNDS
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values
@@ -33,7 +34,6 @@ from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
-from gliderhpc.tuning.rounds import USUAL_ROUNDS
 from gliderhpc.twins.cases import drawn_from
 from gliderhpc.vocabulary import CHANNELS
 

@@ -21,11 +21,11 @@ from gliderhpc.estimation.smoother.information import HullInformation, smoothed_
 from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.mission_hull.estimate import HullPrior, ProfileTerm, solve_mission
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario, simulate_profile
 from gliderhpc.simulator.scenario import load_scenario
-from gliderhpc.tuning.mission_hull import HullPrior, ProfileTerm, solve_mission
 from gliderhpc.twins.cases import course_of, drawn_from, with_white_errors, world
 
 DEPTH, DIVES = 150.0, 8

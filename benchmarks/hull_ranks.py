@@ -39,11 +39,11 @@ from benchmarks.hull_commands import (
     scenario_of,
 )
 from gliderhpc.calibration.estimated_hulls import HullFromDives
+from gliderhpc.calibration.settings import USUAL_ROUNDS
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.findings.findings import markdown
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import simulate_mission
-from gliderhpc.tuning.rounds import USUAL_ROUNDS
 
 DEPTH = 120.0
 CURRENT, DISTANCE = ("current north", "current east"), "current, distance by its ellipse"

@@ -31,13 +31,13 @@ from benchmarks.hull_commands import (
     scenario_of,
     score_mission,
 )
+from gliderhpc.calibration.settings import USUAL_ROUNDS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.observations.format import VELOCITY, VELOCITY_STD
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import Platform, platform_yaml
 from gliderhpc.simulator import simulate_mission
-from gliderhpc.tuning.rounds import USUAL_ROUNDS
 
 KINDS = ("calm", "drawn", "impulses", "paper")
 WAYS = ("without", "measured")

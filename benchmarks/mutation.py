@@ -35,26 +35,26 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "gliderhpc.observations.files.foreign": ("observations/test_units.py",),
     "gliderhpc.observations.instruments.slocum_files": ("observations/test_units.py",),
     "gliderhpc.observations.instruments.seaexplorer": (
-        "observations/test_seaexplorer.py",
-        "observations/test_seaexplorer_legs.py",
+        "observations/instruments/test_seaexplorer.py",
+        "observations/instruments/test_seaexplorer_legs.py",
     ),
-    "gliderhpc.observations.instruments.seaglider_dive": ("observations/test_seaglider.py",),
-    "gliderhpc.observations.instruments.og1_variables": ("observations/test_og1.py",),
-    "gliderhpc.tuning.likelihood": (
-        "tuning/test_likelihood.py",
-        "tuning/test_whiteness.py",
-        "tuning/test_tuning.py",
+    "gliderhpc.observations.instruments.seaglider_dive": ("observations/instruments/test_seaglider.py",),
+    "gliderhpc.observations.instruments.og1_variables": ("observations/instruments/test_og1.py",),
+    "gliderhpc.calibration.prior.likelihood": (
+        "calibration/prior/test_likelihood.py",
+        "calibration/prior/test_whiteness.py",
+        "calibration/prior/test_tuning.py",
     ),
-    "gliderhpc.tuning.least_squares": ("tuning/test_least_squares.py",),
-    "gliderhpc.tuning.fisher_scoring": ("tuning/test_fisher_scoring.py",),
-    "gliderhpc.tuning.record_checks.finding": ("tuning/test_record_checks.py",),
-    "gliderhpc.tuning.record_checks.turns": (
-        "tuning/test_compass_turns.py",
-        "tuning/test_record_checks.py",
+    "gliderhpc.estimation.least_squares": ("estimation/test_least_squares.py",),
+    "gliderhpc.calibration.prior.fisher_scoring": ("calibration/prior/test_fisher_scoring.py",),
+    "gliderhpc.record_checks.finding": ("record_checks/test_record_checks.py",),
+    "gliderhpc.record_checks.turns": (
+        "record_checks/test_compass_turns.py",
+        "record_checks/test_record_checks.py",
     ),
-    "gliderhpc.tuning.record_checks.compass": (
-        "tuning/test_compass_likelihood.py",
-        "tuning/test_record_checks.py",
+    "gliderhpc.record_checks.compass": (
+        "record_checks/test_compass_likelihood.py",
+        "record_checks/test_record_checks.py",
     ),
 }
 """Modules that carry numbers, and the tests that name them."""

@@ -7,7 +7,7 @@ import xarray as xr
 
 import gliderhpc as gh
 from gliderhpc.calibration.estimated_hulls import CalibratedHull
-from gliderhpc.calibration.glides_text import SCORES, figures
+from gliderhpc.calibration.glides.text import SCORES, figures
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import evenly_spaced

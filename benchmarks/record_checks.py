@@ -18,12 +18,12 @@ from gliderhpc.findings.findings import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.observations.profile_numbers import evenly_spaced
+from gliderhpc.record_checks import CheckVerdict, Finding, Inspection, inspect_records
+from gliderhpc.record_checks.compass import CONSTANT, DEVIATION
+from gliderhpc.record_checks.inspection import LAG, inspect_profiles
+from gliderhpc.record_checks.pitch import GAIN, PITCH, VOLUME
 from gliderhpc.report.record_checks import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
-from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection, inspect_records
-from gliderhpc.tuning.record_checks.compass import CONSTANT, DEVIATION
-from gliderhpc.tuning.record_checks.inspection import LAG, inspect_profiles
-from gliderhpc.tuning.record_checks.pitch import GAIN, PITCH, VOLUME
 
 PLATFORM = "petrel-l"
 PROFILES = 24

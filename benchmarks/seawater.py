@@ -15,21 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc import Glider, load_platform
+from gliderhpc.calibration.glides.segment_errors import SegmentErrors
+from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.filter import run_filters
 from gliderhpc.estimation.preparation import by_density, prepare_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import depth_rate
 from gliderhpc.estimation.smoother.iterate import run_smoother
+from gliderhpc.estimation.steady_segments import join_segments, segments_of
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform, with_overrides
 from gliderhpc.simulator import load_scenario, simulate_profile
 from gliderhpc.studies.validation import run_forward
-from gliderhpc.tuning.calibration import CalibrateSettings
-from gliderhpc.tuning.segment_errors import SegmentErrors
-from gliderhpc.tuning.steady_segments import join_segments, segments_of
 
 HULL = {"buoyancy.compressibility": "4.5e-6", "buoyancy.thermal_expansion": "6e-5", "buoyancy.depth_slope": "0"}
 SEED, TWINS, DEPTH = 1, 2, 250.0

@@ -19,11 +19,11 @@ import gliderhpc as gh
 from benchmarks.hull_commands import believed_hull, flown_hull, run_commands, scenario_of
 from benchmarks.sections import with_section
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles, read_profile_data, truth_on_samples
+from gliderhpc.calibration.settings import USUAL_ROUNDS
 from gliderhpc.findings.findings import markdown
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import simulate_mission
-from gliderhpc.tuning.rounds import USUAL_ROUNDS
 from gliderhpc.twins.scoring import INTERVALS, coverage
 from gliderhpc.vocabulary import CHANNELS
 

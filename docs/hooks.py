@@ -26,21 +26,21 @@ from gliderhpc.findings.findings import markdown
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 SUBPACKAGES = (
-    "kernels", "flight", "observations", "simulator", "estimation", "tuning", "store_schema", "archive", "mission",
-    "findings", "studies", "twins", "surfacing", "calibration", "report",
+    "kernels", "flight", "observations", "simulator", "estimation", "mission_hull", "record_checks", "store_schema",
+    "archive", "mission", "findings", "studies", "twins", "surfacing", "calibration", "report",
 )  # fmt: skip
 """Parts of the package that have a page of the reference each."""
 
 SETTINGS = {
     "A run (`run-mission --set KEY=VALUE`)": ("", "gliderhpc.mission.settings.MissionSettings"),
-    "`calibrate`": ("calibration.", "gliderhpc.tuning.calibration.CalibrationSettings"),
-    "`calibrate`: rounds over the dives": ("rounds.", "gliderhpc.tuning.rounds.RoundSettings"),
-    "`calibrate`: turn test": ("turn_test.", "gliderhpc.tuning.turn_test.TurnTestSettings"),
+    "`calibrate`": ("calibration.", "gliderhpc.calibration.settings.CalibrationSettings"),
+    "`calibrate`: rounds over the dives": ("rounds.", "gliderhpc.calibration.settings.RoundSettings"),
+    "`calibrate`: turn test": ("turn_test.", "gliderhpc.mission_hull.turn_test.TurnTestSettings"),
     "`calibrate`: steady segments": (
         "steady.",
-        "gliderhpc.tuning.steady_segments.SegmentSettings",
+        "gliderhpc.estimation.steady_segments.SegmentSettings",
     ),
-    "`tune`": ("tuning.", "gliderhpc.tuning.disturbance_prior.TuningSettings"),
+    "`tune`": ("tuning.", "gliderhpc.calibration.prior.fit.TuningSettings"),
     "Study `currents`": ("currents.", "gliderhpc.studies.library.retrieval.DepthResolvedSettings"),
     "Study `spectra`": ("spectra.", "gliderhpc.studies.library.turbulence.series.SpectraSettings"),
     "Study `intermittency`": (

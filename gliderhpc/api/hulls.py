@@ -13,10 +13,10 @@ from gliderhpc.api.arguments import (
 )
 from gliderhpc.api.workers import executor_of
 from gliderhpc.calibration.estimated_hulls import CalibratedHull, TunedHull
+from gliderhpc.calibration.prior.fit import TuneSettings
+from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.calibration.workflow import CalibrationInputs, calibrate_and_tune, calibrate_open, tune_open
 from gliderhpc.observations.in_memory import Records, opened_records
-from gliderhpc.tuning.calibration import CalibrateSettings
-from gliderhpc.tuning.disturbance_prior import TuneSettings
 
 log = logging.getLogger("gliderhpc.calibrate")
 

@@ -23,8 +23,8 @@ from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.platform import Platform
+from gliderhpc.record_checks import inspect_records
 from gliderhpc.store_schema.location import Location, is_address
-from gliderhpc.tuning.record_checks import inspect_records
 
 log = logging.getLogger("gliderhpc.run")
 

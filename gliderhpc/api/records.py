@@ -33,8 +33,8 @@ from gliderhpc.observations.instruments.slocum_files import is_binary
 from gliderhpc.observations.navigation.columns import NavigationColumns
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
+from gliderhpc.record_checks import Inspection, inspect_records
 from gliderhpc.report.record_checks import content
-from gliderhpc.tuning.record_checks import Inspection, inspect_records
 from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.import")

@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gliderhpc.calibration import dives_text, glides_text, prior_text
-from gliderhpc.calibration.profile_calibration import ProfileCalibration
+from gliderhpc.calibration.dives import text as dives_text
+from gliderhpc.calibration.dives.fit import ProfileCalibration
+from gliderhpc.calibration.glides import text as glides_text
+from gliderhpc.calibration.glides.fit import Calibration
+from gliderhpc.calibration.glides.score import Score
+from gliderhpc.calibration.prior import text as prior_text
+from gliderhpc.calibration.prior.fit import TunedPrior, TuneSettings
 from gliderhpc.errors import CalibrationError, InputError
 from gliderhpc.flight import glider
 from gliderhpc.output_files import check_output, output_file, write_text
 from gliderhpc.platform import Platform, platform_yaml
-from gliderhpc.tuning.calibration import Calibration
-from gliderhpc.tuning.calibration_score import Score
-from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 from gliderhpc.vocabulary import CHANNELS
 from gliderhpc.wording import capitalised
 

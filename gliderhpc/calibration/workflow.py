@@ -7,22 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.calibration import prior_text
+from gliderhpc.calibration.dives.fit import ProfileCalibrationInputs, calibrate_on_profiles
 from gliderhpc.calibration.estimated_hulls import CalibratedHull, HullFromDives, HullFromGlides, TunedHull
-from gliderhpc.calibration.profile_calibration import ProfileCalibrationInputs, calibrate_on_profiles
+from gliderhpc.calibration.glides.fit import calibrate as fit
+from gliderhpc.calibration.glides.fit import fit_trim
+from gliderhpc.calibration.glides.measured_polar import with_measured_polar
+from gliderhpc.calibration.glides.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
+from gliderhpc.calibration.prior import text as prior_text
+from gliderhpc.calibration.prior.fit import TuneSettings, tune_prior
+from gliderhpc.calibration.prior.likelihood import tuning_profiles
+from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.errors import CalibrationError, InputError
+from gliderhpc.estimation.steady_segments import SteadySegments, steady_segments
 from gliderhpc.flight.hull_parameters import hull_parameters, with_deviations_of
 from gliderhpc.mission.executors import OpenExecutor, Progress, no_progress
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import evenly_spaced, select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.tuning.calibration import CalibrateSettings, fit_trim
-from gliderhpc.tuning.calibration import calibrate as fit
-from gliderhpc.tuning.disturbance_prior import TuneSettings, tune_prior
-from gliderhpc.tuning.likelihood import tuning_profiles
-from gliderhpc.tuning.measured_polar import with_measured_polar
-from gliderhpc.tuning.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
-from gliderhpc.tuning.steady_segments import SteadySegments, steady_segments
 
 log = logging.getLogger("gliderhpc.calibrate")
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from gliderhpc.calibration import dives_text
+from gliderhpc.calibration.dives import text as dives_text
+from gliderhpc.calibration.dives.rounds import HullRounds
 from gliderhpc.calibration.estimated_hulls import (
     CalibratedHull,
     HullFromDives,
@@ -14,7 +15,8 @@ from gliderhpc.calibration.estimated_hulls import (
     write_history,
     write_platform,
 )
-from gliderhpc.calibration.glides_text import (
+from gliderhpc.calibration.glides.fit import Calibration
+from gliderhpc.calibration.glides.text import (
     DIRECTIONS,
     PARAMETERS,
     SCORES,
@@ -22,8 +24,9 @@ from gliderhpc.calibration.glides_text import (
     parameter_rows,
     score_rows,
 )
-from gliderhpc.calibration.hull_rounds import HullRounds
-from gliderhpc.calibration.prior_text import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
+from gliderhpc.calibration.prior.fit import TunedPrior, TuneSettings
+from gliderhpc.calibration.prior.text import INTERPOLATED, closing_text, prior_rows, used_text, whiteness_rows
+from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.calibration.workflow import CalibrationInputs, calibrate_and_tune, calibrate_open, tune_open
 from gliderhpc.cli import options
 from gliderhpc.cli.console import logging_to, progress, results, table
@@ -33,8 +36,6 @@ from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings_of, parse_assignments
 from gliderhpc.observations import open_observations
 from gliderhpc.output_files import check_output
-from gliderhpc.tuning.calibration import CalibrateSettings, Calibration
-from gliderhpc.tuning.disturbance_prior import TunedPrior, TuneSettings
 
 _out = click.option(
     "--out",

@@ -24,8 +24,8 @@ from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
 from gliderhpc.observations.instruments.seaglider import import_seaglider
 from gliderhpc.observations.instruments.slocum import import_slocum
 from gliderhpc.output_files import check_output, write_text
+from gliderhpc.record_checks import Inspection
 from gliderhpc.report.record_checks import HEADINGS, content, finding_row
-from gliderhpc.tuning.record_checks import Inspection
 from gliderhpc.wording import counted
 
 

@@ -9,8 +9,8 @@ from pydantic import ValidationError
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.settings import EstimationSettings, Settings
+from gliderhpc.record_checks import CheckSettings
 from gliderhpc.shipped import most_similar, nearest
-from gliderhpc.tuning.record_checks import CheckSettings
 from gliderhpc.yaml_text import parse_value, shown, split_assignment
 
 PLATFORM_PREFIX = "platform."

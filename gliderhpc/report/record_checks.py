@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from gliderhpc.tuning.record_checks import Finding, Inspection
+from gliderhpc.record_checks import Finding, Inspection
 
 HEADINGS = ("check", "quantity", "unit", "size", "standard error", "threshold", "verdict", "suggestion", "remark")
 """Headings of the table of findings."""

@@ -23,6 +23,10 @@ from gliderhpc.estimation.settings import Settings
 from gliderhpc.estimation.smoother.hull_errors import stated_errors
 from gliderhpc.estimation.smoother.information import semidefinite
 from gliderhpc.flight.hull_parameters import HullParameter, among_parameters, hull_parameters
+from gliderhpc.mission_hull.estimate import HullPrior, MissionHull, ProfileTerm, solve_mission
+from gliderhpc.mission_hull.gaussian_chain import Gaussian
+from gliderhpc.mission_hull.joint_change import JointChange, find_hull_changes
+from gliderhpc.mission_hull.single_changes import PROBABLE, ErrorChange
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.schema import PROFILE
@@ -30,10 +34,6 @@ from gliderhpc.studies.archived import chosen_profiles, platform_of
 from gliderhpc.studies.library.depth_rate_check import DepthRateCheck, check_hull, read_glides
 from gliderhpc.studies.request import Request
 from gliderhpc.studies.study import GroupContent, Plan, Preparation, Row, Study
-from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.hull_changes import PROBABLE, ErrorChange
-from gliderhpc.tuning.joint_change import JointChange, find_hull_changes
-from gliderhpc.tuning.mission_hull import HullPrior, MissionHull, ProfileTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 from gliderhpc.wording import counted
 

@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from gliderhpc.findings.formatting import polar, with_deviation
-from gliderhpc.tuning.hull_changes import PROBABLE
+from gliderhpc.mission_hull.single_changes import PROBABLE
 from gliderhpc.wording import counted
 
 MESSAGE_VERSION = "1.4"

@@ -9,6 +9,9 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.formatting import with_deviation
 from gliderhpc.flight.hull_parameters import ONLY_IN_MANOEUVRES, HullParameter
+from gliderhpc.mission_hull.estimate import MissionHull
+from gliderhpc.mission_hull.joint_change import JointChange
+from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE, ErrorChange
 from gliderhpc.platform import Platform
 from gliderhpc.studies.hull import (
     HullSettings,
@@ -20,9 +23,6 @@ from gliderhpc.studies.hull import (
     read_terms,
 )
 from gliderhpc.surfacing.message import HullChange, JointHullChange, JointPart, Trim
-from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE, ErrorChange
-from gliderhpc.tuning.joint_change import JointChange
-from gliderhpc.tuning.mission_hull import MissionHull
 
 IMPLAUSIBLE = 3.0
 """Distance from the platform file, in plausible deviations, beyond which something other than the hull is wrong."""
@@ -46,7 +46,7 @@ class RecentHull:
         The dives and their information.
     combined : MissionHull
         Sum of the information.
-    changes : dict of int to `gliderhpc.tuning.hull_changes.ErrorChange` or None
+    changes : dict of int to `gliderhpc.mission_hull.single_changes.ErrorChange` or None
         Change of each parameter that may change, by its position.
     warning : str
         Warnings about the values: where the depth rate of the steady glides contradicts them, and where they are too

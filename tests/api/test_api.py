@@ -32,8 +32,8 @@ from gliderhpc.mission.cluster import FileNotSharedError
 from gliderhpc.observations.in_memory import opened_records, write_records
 from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.platform import read_platform
+from gliderhpc.record_checks import CheckVerdict, Finding, Inspection
 from gliderhpc.store_schema.location import group_at
-from gliderhpc.tuning.record_checks import CheckVerdict, Finding, Inspection
 from gliderhpc.wording import counted
 
 pytestmark = pytest.mark.compiled

@@ -29,8 +29,8 @@ from gliderhpc.findings.findings import Findings
 from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.platform import platform_text
+from gliderhpc.record_checks import Inspection
 from gliderhpc.studies.registry import STUDIES
-from gliderhpc.tuning.record_checks import Inspection
 from gliderhpc.version import __version__
 
 pytestmark = pytest.mark.compiled

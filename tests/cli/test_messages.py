@@ -14,9 +14,9 @@ from gliderhpc.cli.messages import with_options
 PACKAGE = Path(gliderhpc.__file__).parent
 
 COMMAND_LINES = (
-    "calibration/dives_text.py",
-    "calibration/glides_text.py",
-    "calibration/prior_text.py",
+    "calibration/dives/text.py",
+    "calibration/glides/text.py",
+    "calibration/prior/text.py",
     "cli",
     "kernels/fortran/build.py",
     "report/page/fleet.py",

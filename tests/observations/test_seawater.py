@@ -10,12 +10,16 @@ from support.missions import changed_observations, estimate, profile_series, pro
 
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.segment_errors import choose_buoyancy
+from gliderhpc.calibration.settings import CalibrationSettings
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import check_seawater, controls_of, describe_unexpected_density, prepare_profile
 from gliderhpc.estimation.quality import SLOPE_BIAS, buoyancy_remarks
 from gliderhpc.estimation.resample import on_steps, resample
 from gliderhpc.estimation.settings import EstimationSettings
+from gliderhpc.estimation.steady_segments import SegmentSettings, join_segments, segments_of
 from gliderhpc.flight.buoyancy import DENSITY, PRESSURE, REFERENCE_TEMPERATURE, TEMPERATURE, excess_weight
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import PARAMETERS_BY_DENSITY, TYPICAL_COMPRESSIBILITY
@@ -31,9 +35,6 @@ from gliderhpc.simulator.profile import simulate_profile
 from gliderhpc.store_schema import check_archive
 from gliderhpc.studies.archived import series_of
 from gliderhpc.studies.validation import run_forward
-from gliderhpc.tuning.calibration import CalibrationSettings, calibrate
-from gliderhpc.tuning.segment_errors import choose_buoyancy
-from gliderhpc.tuning.steady_segments import SegmentSettings, join_segments, segments_of
 
 PETREL = read_platform("petrel-l")
 SOFT = with_overrides(

@@ -9,6 +9,7 @@ from support.hull_dives import KEYS, PARAMETERS, dives
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.estimation.steady_balance import MeasuredAttitude
+from gliderhpc.mission_hull.estimate import HullPrior, solve_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.report.page.surfacing_page import hull_blocks
 from gliderhpc.studies import hull as study
@@ -24,7 +25,6 @@ from gliderhpc.studies.library.depth_rate_check import (
 )
 from gliderhpc.surfacing import recent_hull
 from gliderhpc.surfacing.dive_results import surfacing_message
-from gliderhpc.tuning.mission_hull import HullPrior, solve_mission
 
 pytestmark = pytest.mark.compiled
 

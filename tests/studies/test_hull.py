@@ -16,6 +16,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import done_profiles
 from gliderhpc.errors import InputError
 from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.mission_hull.estimate import ProfileTerm, solve_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.report.studies import hull as shown_hull
 from gliderhpc.store_schema import check_archive, create_archive, create_study, finish_study, restored_on_error
@@ -24,7 +25,6 @@ from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
 from gliderhpc.studies.hull import JOINT, NAME, HullSettings, MissionTerms, combine_terms, mission_hull, read_terms
 from gliderhpc.studies.study import Plan, Preparation
-from gliderhpc.tuning.mission_hull import ProfileTerm, solve_mission
 from gliderhpc.vocabulary import HULL_PARAMETERS
 
 HULL = read_platform("petrel-l")

@@ -17,8 +17,12 @@ from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
+from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.search import CalibrationVerdict
+from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.steady_balance import MeasuredAttitude, SteadyMotion, steady_balances
+from gliderhpc.estimation.steady_segments import steady_segments
 from gliderhpc.estimation.still_water_glide import still_water_glide
 from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.flight.hull_parameters import with_covariance, with_values
@@ -39,9 +43,6 @@ from gliderhpc.studies.library.vertical_velocity import (
     vertical_velocity,
 )
 from gliderhpc.studies.vertical import LEVELS, difference_row, legs_row, truth_row
-from gliderhpc.tuning.calibration import CalibrateSettings, calibrate
-from gliderhpc.tuning.calibration_search import CalibrationVerdict
-from gliderhpc.tuning.steady_segments import steady_segments
 
 pytestmark = pytest.mark.compiled
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from gliderhpc.flight.hull_parameters import hull_parameters
+from gliderhpc.mission_hull.estimate import ProfileTerm
 from gliderhpc.platform import read_platform
-from gliderhpc.tuning.mission_hull import ProfileTerm
 
 PARAMETERS = hull_parameters(read_platform("petrel-l"))
 KEYS = [p.key for p in PARAMETERS]

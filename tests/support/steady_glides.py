@@ -1,13 +1,13 @@
-"""Segments of exact steady glides, in the form of `gliderhpc.tuning.steady_segments`."""
+"""Segments of exact steady glides, in the form of `gliderhpc.estimation.steady_segments`."""
 
 import math
 
 import numpy as np
 
+from gliderhpc.estimation.steady_segments import SteadySegments
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import with_values
 from gliderhpc.flight.steady_glide import steady_glide
-from gliderhpc.tuning.steady_segments import SteadySegments
 
 
 def glides(truth, platform, masses=(0.3, 0.4), pitches=(20.0, 24.0, 28.0), profiles=4, trend=0.0):

@@ -10,6 +10,7 @@ from gliderhpc.archive.profile import SMOOTHED, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
 from gliderhpc.findings.formatting import polar, with_deviation
+from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE
 from gliderhpc.report.page.anomalies import common_remarks, name_profiles, profile_anomalies
 from gliderhpc.report.page.content import Facts, Notice, PageSection, Paragraph, Remarks
 from gliderhpc.report.page.mission_table import MissionTable, last_current
@@ -22,7 +23,6 @@ from gliderhpc.studies.library.scores import finite_median
 from gliderhpc.surfacing.dive_results import surfacing_message
 from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.surfacing.recent_hull import MUST_BE_CONFIRMED, joint_sentence
-from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]

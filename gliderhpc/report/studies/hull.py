@@ -16,6 +16,7 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
 from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
+from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE
 from gliderhpc.platform import Platform
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.store_schema.schema import COMPLETE
@@ -38,7 +39,6 @@ from gliderhpc.surfacing.recent_hull import (
     read_joint_change,
     size_text,
 )
-from gliderhpc.tuning.hull_changes import POSSIBLE, PROBABLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

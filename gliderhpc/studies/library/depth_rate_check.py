@@ -22,6 +22,8 @@ from gliderhpc.estimation.steady_balance import MeasuredAttitude
 from gliderhpc.estimation.still_water_glide import StillWaterGlide, still_water_glide
 from gliderhpc.flight.glider import Glider
 from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
+from gliderhpc.mission_hull.estimate import MIN_COMPARED, MissionHull, ProfileTerm, solve_mission
+from gliderhpc.mission_hull.gaussian_chain import Gaussian
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import CONTROLS_SI
 from gliderhpc.studies.library.vertical_velocity import (
@@ -29,8 +31,6 @@ from gliderhpc.studies.library.vertical_velocity import (
     depth_rate_filter,
     undisturbed,
 )
-from gliderhpc.tuning.gaussian_chain import Gaussian
-from gliderhpc.tuning.mission_hull import MIN_COMPARED, MissionHull, ProfileTerm, solve_mission
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Maximum-likelihood disturbance prior of filter and smoother, from the filter's innovations."""

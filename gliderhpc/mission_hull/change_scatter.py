@@ -1,0 +1,73 @@
+"""Scatter of one error of the hull from dive to dive, which a change must exceed.
+
+The stated covariances of the dives do not include all that acts like an error of the hull: packets of internal waves,
+for example, look like another lift in the dives that cross them. A few such dives at one end of a mission would pass
+for a change. The error may therefore also differ from dive to dive at random, by an unknown standard deviation.
+"""
+
+import numpy as np
+
+from gliderhpc.mission_hull.gaussian_chain import Array, Information
+
+LEVELS = (0.0, 0.05, 0.12, 0.3, 0.7, 1.6)
+"""Standard deviations tried for the scatter, in plausible deviations of the error."""
+
+_STATED_SUFFICES = 0.9
+"""Prior probability that there is no such scatter: the stated covariances are already scaled to the dives' scatter."""
+
+LOG_PRIOR = np.log(np.array([_STATED_SUFFICES, *[(1.0 - _STATED_SUFFICES) / (len(LEVELS) - 1)] * (len(LEVELS) - 1)]))
+"""Log of the prior probabilities of `LEVELS`; those above zero are equally probable."""
+
+
+def widened(term: Information, deviation: Array) -> Information:
+    """Return a dive's information on the unknowns if they differ from those of the mission at random.
+
+    Parameters
+    ----------
+    term : Information
+        Information of the dive about its own unknowns.
+    deviation : (p,)
+        Standard deviations of the differences, which are independent.
+
+    Notes
+    -----
+    With differences of covariance ``D``, the information matrix becomes ``(1 + L D)^-1 L`` and the vector
+    ``(1 + L D)^-1 h``; the constant includes the integral over the differences.
+    """
+    scattered = np.flatnonzero(deviation)
+    if not len(scattered):
+        return term
+    size = deviation[scattered]
+    columns = term.matrix[:, scattered] * size
+    scaled = term.vector[scattered] * size
+    inner = np.eye(len(scattered)) + columns[scattered] * size[:, None]
+    solved = np.linalg.solve(inner, np.column_stack([columns.T, scaled]))
+    matrix = term.matrix - columns @ solved[:, :-1]
+    constant = term.constant + 0.5 * float(scaled @ solved[:, -1]) - 0.5 * float(np.linalg.slogdet(inner)[1])
+    return Information(term.vector - columns @ solved[:, -1], 0.5 * (matrix + matrix.T), constant)
+
+
+def averaged(log_weight: Array, log_ratio: Array, size: Array, variance: Array) -> tuple[Array, Array, Array]:
+    """Average the evidence of candidates, and their sizes, over levels of the scatter.
+
+    Parameters
+    ----------
+    log_weight : (l,)
+        Log weights of the levels without a change.
+    log_ratio : (l, ...)
+        Log evidence of the candidates relative to no change at the same level.
+    size, variance : (l, ...) or (l, ..., k)
+        Means and variances of the candidates' sizes, one or several of each.
+
+    Returns
+    -------
+    log_ratio, size, variance
+        Without the axis of the levels.
+    """
+    each = log_weight.reshape(-1, *[1] * (log_ratio.ndim - 1)) + log_ratio
+    evidence = np.logaddexp.reduce(each, axis=0)
+    share = np.exp(each - evidence)
+    share = share.reshape(share.shape + (1,) * (size.ndim - share.ndim))
+    mean = np.sum(share * size, axis=0)
+    spread = np.sum(share * (variance + (size - mean) ** 2), axis=0)
+    return evidence - np.logaddexp.reduce(log_weight), mean, spread

@@ -1,6 +1,0 @@
-"""Checks of the records before inversion: findings and suggested corrections; nothing is corrected."""
-
-from gliderhpc.tuning.record_checks.finding import CheckSettings, CheckVerdict, Finding
-from gliderhpc.tuning.record_checks.inspection import Inspection, inspect_records
-
-__all__ = ["CheckSettings", "CheckVerdict", "Finding", "Inspection", "inspect_records"]
