@@ -4,7 +4,8 @@ from gliderhpc.observations.dataset import Observations, open_observations
 from gliderhpc.observations.profiles import cycle_boundaries, detect_profiles
 from gliderhpc.observations.records import Fix, ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
-from gliderhpc.observations.survey import ProfileSpan, Survey
+from gliderhpc.observations.surface_intervals import ProfileSpan
+from gliderhpc.observations.survey import Survey
 from gliderhpc.observations.writer import write_observations
 
 __all__ = [

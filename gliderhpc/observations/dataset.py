@@ -32,13 +32,9 @@ from gliderhpc.observations.format import (
     VELOCITY_STD,
 )
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
-from gliderhpc.observations.survey import (
-    MAX_FIX_AGE,
-    ProfileSpan,
-    StoredVariables,
-    Survey,
-    survey_of,
-)
+from gliderhpc.observations.stored_variables import StoredVariables
+from gliderhpc.observations.surface_intervals import MAX_FIX_AGE, ProfileSpan
+from gliderhpc.observations.survey import Survey, survey_of
 from gliderhpc.observations.times import SECOND
 from gliderhpc.wording import counted
 

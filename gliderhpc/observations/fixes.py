@@ -276,6 +276,20 @@ def screen_fixes(
     return SurfaceFixes(time[usable], latitude[usable], longitude[usable], time[~usable], texts)
 
 
+AS_MINUTES = (
+    "the fixes agree with each other if they are DDMM.mmm, which within a degree of 0 N, 0 E are plausible degrees: "
+    "convert them to decimal degrees"
+)
+
+
+def agree_as_minutes(
+    time: TimeArray, latitude: FloatArray, longitude: FloatArray, usable: npt.NDArray[np.bool_]
+) -> bool:
+    """Return whether most fixes, which contradict each other as decimal degrees, agree if they are read as DDMM.mmm."""
+    found = screen_fixes(time, decimal_degrees(latitude), decimal_degrees(longitude), usable)
+    return bool(usable.any()) and 2 * len(found.time) > int(usable.sum())
+
+
 def pair_fault(entry: Fix, exit_: Fix) -> str | None:
     """Describe why the fixes before and after a dive cannot both be right; None if they can.
 

@@ -13,7 +13,8 @@ from gliderhpc.errors import GliderhpcError, InputError
 from gliderhpc.observations.dataset import Observations, open_observations, open_stored
 from gliderhpc.observations.files.valid_limits import LIMITS
 from gliderhpc.observations.format import REFERENCE, VARIABLES
-from gliderhpc.observations.survey import StoredVariables, Survey, survey_of
+from gliderhpc.observations.stored_variables import StoredVariables
+from gliderhpc.observations.survey import Survey, survey_of
 from gliderhpc.observations.writer import TIMES, seconds_since, times_since, variable_attributes, write_observations
 from gliderhpc.wording import wanted_dataset
 

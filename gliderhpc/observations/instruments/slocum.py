@@ -32,7 +32,7 @@ from gliderhpc.observations.instruments.slocum_records import HANGING_CYCLE, Mis
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import SURFACE_MARGIN, detect_profiles
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.survey import MAX_GPS_DEPTH
+from gliderhpc.observations.surface_intervals import MAX_GPS_DEPTH
 from gliderhpc.observations.times import SECOND
 from gliderhpc.wording import counted
 

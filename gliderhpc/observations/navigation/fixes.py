@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from gliderhpc.observations.checks.depth_screening import impossible_depths
 from gliderhpc.observations.checks.validation import check_fixes
-from gliderhpc.observations.fixes import SurfaceFixes, rounding_error, screen_fixes
+from gliderhpc.observations.fixes import AS_MINUTES, SurfaceFixes, agree_as_minutes, rounding_error, screen_fixes
 from gliderhpc.observations.navigation.columns import NavigationColumns
 from gliderhpc.observations.profiles import SURFACE_MARGIN, IntArray, floating_level
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.survey import AS_MINUTES, MAX_GPS_DEPTH, agree_as_minutes
+from gliderhpc.observations.surface_intervals import MAX_GPS_DEPTH
 from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, plausible_times
 
 Mask = npt.NDArray[np.bool_]

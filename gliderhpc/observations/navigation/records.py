@@ -32,7 +32,7 @@ from gliderhpc.observations.navigation.fixes import (
 )
 from gliderhpc.observations.profiles import IntArray, detect_profiles
 from gliderhpc.observations.records import Fix, FloatArray, ProfileRecord, TimeArray
-from gliderhpc.observations.survey import MAX_FIX_AGE, submerged_fixes, time_spans
+from gliderhpc.observations.surface_intervals import MAX_FIX_AGE, submerged_fixes, time_spans
 from gliderhpc.observations.times import SECOND
 from gliderhpc.wording import counted
 
