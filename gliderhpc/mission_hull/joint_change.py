@@ -79,7 +79,33 @@ def find_hull_changes(
     *,
     robust: bool = True,
 ) -> tuple[dict[int, ErrorChange | None], JointChange | None]:
-    """Return the change of each suspected error, and that of any of them, with the arguments of `find_changes`.
+    """Estimate the probability, size and onset of a change of each suspected error, and of any of them.
+
+    Parameters
+    ----------
+    profiles : sequence of ProfileTerm
+        Profiles in the order of time.
+    suspects : sequence of int
+        Indices of the errors that may change.
+    prior : HullPrior
+        Prior of the sum; the random walk of an error is left out where its change is sought.
+    size : float
+        Prior standard deviation of a whole change, and of the suspects' levels in addition to that of the prior, in
+        plausible deviations.
+    companions : mapping of int to int, optional
+        Index of an error that may change at the same time as a suspect, with the same course but another size. It
+        is considered in the size and onset of the change, but not in its probability.
+    robust : bool
+        Whether the profiles' covariances are scaled by the scatter between profiles, and outlying profiles have less
+        weight.
+
+    Returns
+    -------
+    changes : dict
+        Change of each suspect, given the probable changes of others (`single_changes`); None with fewer than four
+        profiles.
+    joint : JointChange or None
+        Change of any of the suspects; None with fewer than four profiles, or without suspects.
 
     Notes
     -----

@@ -63,66 +63,6 @@ class ErrorChange:
     step_probability: float
 
 
-def find_changes(
-    profiles: Sequence[ProfileTerm],
-    suspects: Sequence[int],
-    prior: HullPrior,
-    size: float = 1.0,
-    companions: Mapping[int, int] | None = None,
-    *,
-    robust: bool = True,
-) -> dict[int, ErrorChange | None]:
-    """Estimate the probability, size and onset of a change of each suspected error.
-
-    Parameters
-    ----------
-    profiles : sequence of ProfileTerm
-        Profiles in the order of time.
-    suspects : sequence of int
-        Indices of the errors that may change.
-    prior : HullPrior
-        Prior of the sum; the random walk of an error is left out where its change is sought.
-    size : float
-        Prior standard deviation of a whole change, and of the suspects' levels in addition to that of the prior, in
-        plausible deviations.
-    companions : mapping of int to int, optional
-        Index of an error that may change at the same time as a suspect, with the same course but another size. It
-        is considered in the size and onset of the change, but not in its probability.
-    robust : bool
-        Whether the profiles' covariances are scaled by the scatter between profiles, and outlying profiles have less
-        weight.
-
-    Returns
-    -------
-    dict
-        Change of each suspect; None with fewer than four profiles.
-
-    Notes
-    -----
-    Every profile but the first may be the onset, either of a step or of a ramp that reaches its whole size at the last
-    profile; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
-    candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
-    companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
-
-    A change shows in the differences between profiles, in which errors that all profiles have in common cancel. If all
-    profiles contradict the platform file, the hull has not changed. The levels of the suspects are therefore as
-    uncertain as a change is large; otherwise a change after the first profile would excuse all later profiles from the
-    prior.
-
-    The profiles' covariances include common errors too. They are therefore scaled by the scatter between profiles, also
-    where this is smaller than they state, down to `_MIN_SCATTER`.
-
-    Probabilities, sizes and onsets are means over the assumptions of the noise under which the profiles were smoothed,
-    which are equally plausible: a change that only some of them show is not certain.
-
-    While the suspect with the largest evidence is probable, it is accepted: the sizes of its most probable course, and
-    of the same course of its companion, join the unknowns, and the remaining suspects are judged given them.
-    """
-    if len(profiles) < MIN_PROFILES:
-        return dict.fromkeys(suspects)
-    return dict(single_changes(change_chains(profiles, suspects, prior, size, robust=robust), suspects, companions))
-
-
 def change_chains(
     profiles: Sequence[ProfileTerm],
     suspects: Sequence[int],
@@ -131,7 +71,18 @@ def change_chains(
     *,
     robust: bool = True,
 ) -> list["ChangeChain"]:
-    """Return a chain of the profiles for each assumption of the noise; the arguments are those of `find_changes`."""
+    """Return a chain of the profiles for each assumption of the noise (`find_hull_changes` describes the arguments).
+
+    Notes
+    -----
+    A change shows in the differences between profiles, in which errors that all profiles have in common cancel. If all
+    profiles contradict the platform file, the hull has not changed. The levels of the suspects are therefore as
+    uncertain as a change is large; otherwise a change after the first profile would excuse all later profiles from the
+    prior.
+
+    The profiles' covariances include common errors too. They are therefore scaled by the scatter between profiles, also
+    where this is smaller than they state, down to `_MIN_SCATTER`.
+    """
     assumptions = _assumptions(profiles)
     parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(profiles)))
     free = _with_free_levels(prior, suspects, size)
@@ -141,9 +92,22 @@ def change_chains(
 def single_changes(
     chains: Sequence["ChangeChain"], suspects: Sequence[int], companions: Mapping[int, int] | None = None
 ) -> dict[int, ErrorChange]:
-    """Accept changes one at a time, and judge the remaining suspects given those (`find_changes`).
+    """Accept changes one at a time, and judge the remaining suspects given those.
 
     The chains have the sizes of the accepted changes among their unknowns afterwards.
+
+    Notes
+    -----
+    Every profile but the first may be the onset, either of a step or of a ramp that reaches its whole size at the last
+    profile; all have the same prior probability. With score g and information I of the size about zero, the ratio of a
+    candidate's evidence to that of no change is ``exp(g**2 / (I + 1 / size**2) / 2) / sqrt(1 + I * size**2)``. With a
+    companion, g and I are those of both sizes, and the candidates with and without it are averaged by their evidence.
+
+    Probabilities, sizes and onsets are means over the assumptions of the noise under which the profiles were smoothed,
+    which are equally plausible: a change that only some of them show is not certain.
+
+    While the suspect with the largest evidence is probable, it is accepted: the sizes of its most probable course, and
+    of the same course of its companion, join the unknowns, and the remaining suspects are judged given them.
     """
     companions, onsets = companions or {}, chains[0].onsets
     changes: dict[int, ErrorChange] = {}

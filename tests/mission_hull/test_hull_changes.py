@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.hull_dives import P, dive, information
+from support.hull_dives import P, changes_alone, dive, information
 
 from gliderhpc.mission_hull.change_scatter import widened
 from gliderhpc.mission_hull.estimate import HullPrior, solve_mission
 from gliderhpc.mission_hull.gaussian_chain import Gaussian, Information, Transition, solve_chain
-from gliderhpc.mission_hull.single_changes import PROBABLE, _candidates, _parts, find_changes, size_likelihood
+from gliderhpc.mission_hull.single_changes import PROBABLE, _candidates, _parts, size_likelihood
 
 
 def test_size_likelihood_is_that_of_the_chain_with_the_size_as_an_unknown():
@@ -70,8 +70,8 @@ def test_a_change_that_comes_with_another_one_has_its_own_size():
         ]
         dives = [dive(rng, truth, n, rank=2, size=40.0) for n, truth in enumerate(courses)]
         prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
-        both.append(find_changes(dives, (0,), prior, companions={0: 1})[0])
-        alone.append(find_changes(dives, (0,), prior)[0])
+        both.append(changes_alone(dives, (0,), prior, companions={0: 1})[0])
+        alone.append(changes_alone(dives, (0,), prior)[0])
     assert np.mean([abs(one.total - 0.8) < 2.0 * one.total_std for one in both]) >= 0.85
     errors = [np.sqrt(np.mean([(one.total - 0.8) ** 2 for one in each])) for each in (both, alone)]
     assert errors[0] < errors[1]
@@ -91,11 +91,11 @@ def test_one_change_is_not_found_again_in_an_error_that_resembles_it(changed):
         score = np.linalg.cholesky(like) @ rng.standard_normal(P)
         dives.append(replace(dive(rng, truth, n, point=np.zeros(P)), score=score + like @ truth, information=like))
     prior = HullPrior.plausible(np.array([0.05, 0.05, 0.0, 0.0, 0.0]))
-    both = find_changes(dives, (0, 1), prior)
+    both = changes_alone(dives, (0, 1), prior)
     other = 1 - changed
     assert both[changed].probability > PROBABLE
     assert both[other].probability < 0.5
-    assert find_changes(dives, (other,), prior)[other].probability > PROBABLE
+    assert changes_alone(dives, (other,), prior)[other].probability > PROBABLE
 
 
 def test_dives_that_agree_better_than_they_state_show_a_change_sooner():
@@ -126,7 +126,7 @@ def _agreeing(seed, total):
         exact = one.information @ truth
         dives.append(replace(one, score=exact + 0.5 * (one.score - exact)))
     prior = HullPrior.plausible(np.array([0.02, 0.0, 0.0, 0.0, 0.0]))
-    return [find_changes(dives, (0,), prior, robust=robust)[0] for robust in (True, False)]
+    return [changes_alone(dives, (0,), prior, robust=robust)[0] for robust in (True, False)]
 
 
 def _crossing_waves(seed, total=0.0):
@@ -142,10 +142,10 @@ def _crossing_waves(seed, total=0.0):
 def test_an_error_that_differs_from_dive_to_dive_has_not_changed():
     """A few unusual dives near one end of the mission, each well determined, would pass for a step."""
     prior = HullPrior.plausible(np.array([0.05, 0.02, 0.0, 0.0, 0.0]))
-    scattered = [find_changes(_crossing_waves(seed), (0, 1), prior)[1].probability for seed in range(20)]
+    scattered = [changes_alone(_crossing_waves(seed), (0, 1), prior)[1].probability for seed in range(20)]
     assert np.mean(np.array(scattered) > PROBABLE) <= 0.05
     assert np.median(scattered) < 0.5
-    changed = [find_changes(_crossing_waves(seed, 1.6), (0, 1), prior)[0].probability for seed in range(8)]
+    changed = [changes_alone(_crossing_waves(seed, 1.6), (0, 1), prior)[0].probability for seed in range(8)]
     assert np.mean(np.array(changed) > PROBABLE) >= 0.75
 
 
@@ -178,7 +178,7 @@ def test_a_change_under_one_assumption_of_the_noise_is_not_certain():
     ]
     doubted = [replace(one, others=((other.score, other.information),)) for one, other in zip(dives, calm, strict=True)]
     prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
-    sure, unsure = (find_changes(each, (0,), prior)[0] for each in (dives, doubted))
+    sure, unsure = (changes_alone(each, (0,), prior)[0] for each in (dives, doubted))
     assert sure.probability > PROBABLE
     assert 0.4 < unsure.probability < 0.7
     assert unsure.total_std > 3.0 * sure.total_std
@@ -206,7 +206,7 @@ def _found(courses, seed, size=40.0):
     rng = np.random.default_rng([11, seed])
     dives = [dive(rng, truth, n, rank=3, size=size) for n, truth in enumerate(courses)]
     prior = HullPrior.plausible(np.array([0.05, 0.0, 0.0, 0.0, 0.0]))
-    return find_changes(dives, (0,), prior)[0]
+    return changes_alone(dives, (0,), prior)[0]
 
 
 def _course(count, onset, total, form):
@@ -239,13 +239,9 @@ def test_dives_that_all_contradict_the_platform_file_show_no_change():
     dives = [dive(rng, truth, n, rank=3, size=12.0) for n, truth in enumerate(_course(20, 10, 0.0, "step"))]
     walk = np.array([0.02, 0.0, 0.0, 0.0, 0.0])
     overconfident = HullPrior(Gaussian(np.array([-0.8, 0.0, 0.0, 0.0, 0.0]), np.diag([0.01, 1.0, 1.0, 1.0, 1.0])), walk)
-    same, expected = (find_changes(dives, (0,), each)[0] for each in (overconfident, HullPrior.plausible(walk)))
+    same, expected = (changes_alone(dives, (0,), each)[0] for each in (overconfident, HullPrior.plausible(walk)))
     assert same.probability < 0.5
     assert same.probability == pytest.approx(expected.probability, abs=0.1)
-
-
-def test_few_dives_show_no_change():
-    assert _found(_course(3, 2, 1.0, "step"), 0) is None
 
 
 def test_change_since_the_first_dive_is_that_of_the_joint_posterior():

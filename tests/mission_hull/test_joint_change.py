@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.hull_dives import P, dive
+from support.hull_dives import P, changes_alone, dive
 
 from gliderhpc.mission_hull.estimate import HullPrior
 from gliderhpc.mission_hull.joint_change import find_hull_changes
-from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE, find_changes
+from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE
 
 SUSPECTS = (0, 1, 2)
 PRIOR = HullPrior.plausible(np.array([0.02, 0.02, 0.02, 0.0, 0.0]))
@@ -53,7 +53,7 @@ def test_a_single_change_is_the_most_probable_combination():
     assert all(joint.combination == (1,) for _, joint in found)
     assert all(joint.probability >= max(change.probability for change in changes.values()) for changes, joint in found)
     for seed, (changes, _) in enumerate(found):
-        single = find_changes(_mission(seed, {1: 1.2}), SUSPECTS, PRIOR)
+        single = changes_alone(_mission(seed, {1: 1.2}), SUSPECTS, PRIOR)
         assert [each.probability for each in changes.values()] == pytest.approx(
             [each.probability for each in single.values()]
         )

@@ -4,6 +4,7 @@ import numpy as np
 
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.mission_hull.estimate import ProfileTerm
+from gliderhpc.mission_hull.single_changes import change_chains, single_changes
 from gliderhpc.platform import read_platform
 
 PARAMETERS = hull_parameters(read_platform("petrel-l"))
@@ -41,3 +42,8 @@ def dive(rng, truth, number, *, rank=P, size=30.0, hours=6.0, point=None, curren
     noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(P))
     time = START + np.timedelta64(int(hours * 3600 * number), "s")
     return ProfileTerm(number, time, point, matrix @ (truth - point) + noise, matrix, current=current)
+
+
+def changes_alone(dives, suspects, prior, companions=None, *, robust=True):
+    """Return the change of each suspect, without that of any of them, which takes longer."""
+    return single_changes(change_chains(dives, suspects, prior, robust=robust), suspects, companions)
