@@ -18,7 +18,7 @@ from gliderhpc.estimation.profile import ProfileEstimate, estimate_profile
 from gliderhpc.estimation.quality import SEGMENT, first_stretch
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.windows import misfit
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.prepared import prepare_mission

@@ -15,7 +15,7 @@ import xarray as xr
 from benchmarks.command_line import positional
 from gliderhpc import load_platform, open_mission
 from gliderhpc.archive.profile import done_profiles
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.prepared import prepare_mission

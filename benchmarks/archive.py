@@ -30,7 +30,7 @@ from benchmarks.archive_schema import PAGE
 from benchmarks.machine import machine_row
 from benchmarks.mission import folder_bytes
 from benchmarks.sections import with_section
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.mission.planning import SECONDS_PER_STEP
 from gliderhpc.store_schema import (
     MISSION,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.sections import with_section
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.store_schema import MISSION, STUDIES
 from gliderhpc.store_schema.schema import CODECS, COMMITS, PROFILE, TIME_UNITS, ArchiveVariable, Group
 

@@ -21,7 +21,7 @@ from gliderhpc.calibration.workflow import profiles_to_read, split_segments
 from gliderhpc.errors import GliderhpcError
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.steady_segments import SteadySegments, join_segments, segments_of, steady_segments
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.hull_parameters import ATTITUDE_PARAMETERS, PARAMETERS, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations import open_observations

@@ -20,7 +20,7 @@ from gliderhpc import Glider, load_platform, open_mission
 from gliderhpc.calibration.glides.text import SCORES
 from gliderhpc.cli.main import main as gliderhpc
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.hull_parameters import PARAMETERS, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform

@@ -29,7 +29,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import model_motion
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.steady_segments import join_segments, segments_of
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.observations import ProfileRecord
 from gliderhpc.platform import Platform

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from benchmarks.drift_series import HULL, SERIES, changes_text, rates_text
 from benchmarks.sections import with_section
 from gliderhpc import load_platform
-from gliderhpc.findings.findings import markdown, number, write_json
+from gliderhpc.findings.formatting import markdown, number
+from gliderhpc.findings.results import write_json
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.prepared import prepare_mission

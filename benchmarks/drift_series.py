@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc import load_platform
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.store_schema.columns import median_column
 from gliderhpc.studies.library.drift.change_points import (
     SEARCHES,

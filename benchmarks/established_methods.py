@@ -15,7 +15,7 @@ from benchmarks.command_line import positional
 from benchmarks.glider_flight import EstablishedSolution, density_at_samples, fitted, with_our_weight
 from gliderhpc import open_mission
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, read_profile_data
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.observations.format import read_reference
 from gliderhpc.platform import Platform
 from gliderhpc.studies.archived import chosen_profiles, platform_of

@@ -30,7 +30,7 @@ from benchmarks.sections import with_section
 from benchmarks.timing import one_core, seconds_of, spread_of
 from benchmarks.windows import PLATFORM, SEED, Window, settings_of, twin_series, twin_windows
 from gliderhpc import Glider, load_platform
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.kernels.fortran.build import COMPILER, command_of
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load

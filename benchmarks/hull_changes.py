@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.mission_hull.estimate import ProfileTerm
 from gliderhpc.mission_hull.joint_change import find_hull_changes
 from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE

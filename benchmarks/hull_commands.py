@@ -27,7 +27,7 @@ from gliderhpc.archive.profile import SMOOTHED, read_profile_data, truth_on_samp
 from gliderhpc.calibration.estimated_hulls import CalibratedHull
 from gliderhpc.calibration.settings import USUAL_ROUNDS
 from gliderhpc.estimation.priors import default_prior
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations.truth import read_profile_truth, truth_path

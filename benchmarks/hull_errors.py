@@ -19,7 +19,7 @@ from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.hull_errors import HullErrors, stated_errors
 from gliderhpc.estimation.smoother.information import HullInformation
 from gliderhpc.estimation.smoother.posterior import posterior_errors, with_hull_errors
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.observations.series import averages_between

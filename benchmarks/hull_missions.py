@@ -19,7 +19,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.smoother.estimate import SmoothedEstimate
 from gliderhpc.estimation.smoother.information import HullInformation, smoothed_hull_information
 from gliderhpc.estimation.smoother.iterate import run_smoother
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.mission_hull.estimate import HullPrior, ProfileTerm, solve_mission
 from gliderhpc.observations.records import ProfileRecord

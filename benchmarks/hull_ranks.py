@@ -41,7 +41,7 @@ from benchmarks.hull_commands import (
 from gliderhpc.calibration.estimated_hulls import HullFromDives
 from gliderhpc.calibration.settings import USUAL_ROUNDS
 from gliderhpc.errors import GliderhpcError
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import simulate_mission
 

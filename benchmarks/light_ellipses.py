@@ -22,7 +22,7 @@ import gliderhpc as gh
 from gliderhpc import Glider
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.glide_currents import GlideErrors
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.glide_polar import MAKE_DEVIATION, with_drag
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import Platform

@@ -32,7 +32,7 @@ from benchmarks.hull_commands import (
     score_mission,
 )
 from gliderhpc.calibration.settings import USUAL_ROUNDS
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.steady_glide import drag_and_lift
 from gliderhpc.observations.format import VELOCITY, VELOCITY_STD
 from gliderhpc.observations.truth import truth_path

@@ -26,7 +26,7 @@ from gliderhpc.archive.profile import done_profiles
 from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.current_errors import CurrentSettings
 from gliderhpc.estimation.currents import local_displacement
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.observations.fixes import moved
 from gliderhpc.observations.records import Fix
 from gliderhpc.surfacing.dive_plan import DivePlan

@@ -7,7 +7,7 @@ from typing import Any
 from benchmarks.engines import REFERENCE
 from benchmarks.results import SMOOTHER_PEERS
 from benchmarks.sections import with_section
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 SECTION = "performance"

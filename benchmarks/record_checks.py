@@ -14,7 +14,7 @@ from benchmarks.sections import with_section
 from gliderhpc import load_platform
 from gliderhpc.estimation.resample import harmonics
 from gliderhpc.estimation.settings import RecordSettings
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.observations.profile_numbers import evenly_spaced

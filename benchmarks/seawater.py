@@ -24,7 +24,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import depth_rate
 from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.steady_segments import join_segments, segments_of
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.observations import ProfileRecord, ProfileSeries, open_observations
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform, with_overrides

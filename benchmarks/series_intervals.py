@@ -20,7 +20,7 @@ from benchmarks.hull_commands import believed_hull, flown_hull, run_commands, sc
 from benchmarks.sections import with_section
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles, read_profile_data, truth_on_samples
 from gliderhpc.calibration.settings import USUAL_ROUNDS
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import simulate_mission

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import gliderhpc as gh
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.resample import resample, sampling_intervals
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.observations.intervals import longest_bridged
 from gliderhpc.observations.seawater import SeawaterMissingError, seawater_on_steps

@@ -31,7 +31,8 @@ from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import ProfileEstimate, estimate_profiles
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.drawing import render_image
-from gliderhpc.findings.findings import as_plain, markdown, number
+from gliderhpc.findings.formatting import markdown, number
+from gliderhpc.findings.results import as_plain
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings

@@ -21,7 +21,7 @@ from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.profile import estimate_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.findings.drawing import label, legend, new_figure, style_axes
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings

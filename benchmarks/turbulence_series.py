@@ -14,7 +14,7 @@ from benchmarks.known_series import (
     shot_flatness,
     shot_train,
 )
-from gliderhpc.findings.findings import markdown, number
+from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.studies.library.trends import INTERVAL
 from gliderhpc.studies.library.turbulence.series import GappySeries, gappy_series, high_passed
 from gliderhpc.studies.library.turbulence.statistics import (

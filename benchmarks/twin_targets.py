@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.command_line import positional
-from gliderhpc.findings.findings import markdown, number
+from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.twins.estimators.methods import ADJOINT, PAPER, SMOOTHER
 from gliderhpc.twins.estimators.runs import CALM, IMPULSIVE, PRIOR, paired
 from gliderhpc.twins.scoring import Row

@@ -19,7 +19,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc.estimation.current_errors import TERMS
-from gliderhpc.findings.findings import COLUMNS, NUMBER_COLUMNS, comparison_from_json, markdown, number
+from gliderhpc.findings.comparison import COLUMNS, NUMBER_COLUMNS, comparison_from_json
+from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.currents.runs import GUSTS as BROADBAND
 from gliderhpc.twins.estimators.page import claim, page_text

@@ -26,7 +26,7 @@ from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
 from gliderhpc.estimation.profile import smooth_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.platform import Platform

@@ -17,7 +17,7 @@ import gliderhpc as gh
 from benchmarks.hull_commands import HULL, UNSPREAD, WORKERS, believed_hull, flown_hull
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.archive.profile import done_profiles
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.platform import platform_yaml
 from gliderhpc.simulator import Scenario, simulate_mission
 from gliderhpc.simulator.scenario import load_scenario

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations

@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from benchmarks.watch_growth import template, write_dive
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 
 LONGEST = 0.9
 """Latest kill, as a fraction of the time that an undisturbed run takes."""

@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 
 from benchmarks.readme import performance_section
 from gliderhpc.cli.main import VERBS, program
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

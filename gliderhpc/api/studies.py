@@ -21,7 +21,8 @@ from gliderhpc.api.workers import Scheduler, cluster_of, executor_of
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.profile import ADJOINT, ESTIMATES, done_profiles
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import COLUMNS, Findings, as_plain, write_findings
+from gliderhpc.findings.comparison import COLUMNS
+from gliderhpc.findings.results import Findings, as_plain, write_findings
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings, validated_settings
 from gliderhpc.observations.in_memory import Records, opened_records

@@ -17,7 +17,7 @@ from gliderhpc.cli.console import logging_to, results
 from gliderhpc.cli.messages import Verb, echo
 from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import write_findings
+from gliderhpc.findings.results import write_findings
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
 from gliderhpc.mission.existing import Existing

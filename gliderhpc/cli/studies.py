@@ -13,7 +13,8 @@ from gliderhpc.cli.console import logging_to, progress, results
 from gliderhpc.cli.messages import Verb, echo, print_left_out
 from gliderhpc.cli.options import executor_for
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import Findings, comparison_table, write_findings
+from gliderhpc.findings.comparison import comparison_table
+from gliderhpc.findings.results import Findings, write_findings
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
 from gliderhpc.mission.lock import locked

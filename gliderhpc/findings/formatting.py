@@ -1,13 +1,34 @@
-"""Values with their errors, currents and times as text."""
+"""Numbers, values with their errors, currents, times and tables as text."""
 
 import math
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+ABSENT = "–"
+"""Text of a missing number."""
+
 _MIN_DEVIATION = 1e-3
 """Standard deviation below which numbers have exponents."""
+
+
+def number(value: float | None) -> str:
+    """Format a number with three significant digits, without an exponent if legible; a missing one as a dash."""
+    if value is None or not math.isfinite(value):
+        return ABSENT
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.2e}"
+    digits = 2 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}"
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]], of_numbers: Collection[str] = ()) -> str:
+    """Format cells as a Markdown table, with the columns `of_numbers` right-aligned."""
+    rules = ["---:" if column in of_numbers else "---" for column in columns]
+    lines = [columns, rules, *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def signed(value: float, form: str = ".3f") -> str:

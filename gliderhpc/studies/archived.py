@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from gliderhpc.archive.profile import SMOOTHED, ProfileData, done_profiles, filter_fallbacks
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import as_plain
+from gliderhpc.findings.results import as_plain
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileSeries
 from gliderhpc.observations.intervals import usual_interval, without_gaps

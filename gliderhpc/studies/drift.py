@@ -144,7 +144,13 @@ class MissionDrift:
         """Trends, drag and verdict."""
         counted = counted_estimates(self.mission.windows_start)
         return find_drift(
-            self.table, self.mission.hull, self.settings, self.slopes, self.changes, counted, self.moments
+            self.table,
+            self.mission.hull,
+            self.settings,
+            self.slopes,
+            changes=self.changes,
+            counted=counted,
+            moments=self.moments,
         )
 
 

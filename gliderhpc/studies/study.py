@@ -20,7 +20,7 @@ from gliderhpc.archive.profile import ADJOINT, ProfileData, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.settings import Settings
-from gliderhpc.findings.findings import as_plain
+from gliderhpc.findings.results import as_plain
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema import (
     Digests,

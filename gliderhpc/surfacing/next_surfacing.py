@@ -147,7 +147,7 @@ def predict_from(
     states = _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
     latest, last = states.pop(count - 1), fix_after(dives, count - 1)
     past = [
-        _predict_cycle(dives, dive, state, surface, (expected[dive], spread), fix_error)
+        _predict_cycle(dives, dive, state, surface, (expected[dive], spread), fix_error=fix_error)
         for dive, state in states.items()
         if is_followed(dives, dive)
     ]
@@ -157,7 +157,9 @@ def predict_from(
         through, duration = plan.displacement(through, float(dives["duration"][-1])), plan.duration
         if plan.heading is not None:
             spread, scale = planned_scatter(displacements, through), 1.0
-    coming = _predict_cycle(dives, count - 1, latest, surface, (through, spread), fix_error, duration)
+    coming = _predict_cycle(
+        dives, count - 1, latest, surface, (through, spread), fix_error=fix_error, duration=duration
+    )
     latitude, longitude = moved((last.latitude, last.longitude), coming.displacement)
     return Prediction(
         time=last.time + np.timedelta64(round(coming.elapsed), "s"),
@@ -205,6 +207,7 @@ def _predict_cycle(
     state: Nowcast,
     surface: tuple[Array, float],
     through: tuple[Array, Array],
+    *,
     fix_error: float,
     duration: float | None = None,
 ) -> _Cycle:

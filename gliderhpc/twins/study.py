@@ -12,7 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.errors import InputError, ProfileError
-from gliderhpc.findings.findings import Comparison, Findings, comparisons_as_json
+from gliderhpc.findings.comparison import Comparison, comparisons_as_json
+from gliderhpc.findings.results import Findings
 from gliderhpc.mission.executors import Executor
 from gliderhpc.platform import Platform
 from gliderhpc.twins.cases import TwinCase

@@ -25,7 +25,7 @@ from gliderhpc.cli.messages import print_left_out
 from gliderhpc.cli.records import _print_findings
 from gliderhpc.cli.run_mission import closing_line, summary_table
 from gliderhpc.cli.studies import write_and_print
-from gliderhpc.findings.findings import Findings
+from gliderhpc.findings.results import Findings
 from gliderhpc.mission import run as mission_run
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.platform import platform_text

@@ -18,7 +18,7 @@ from gliderhpc.archive.profile import (
     wrap,
 )
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import markdown
+from gliderhpc.findings.formatting import markdown
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.report.accuracy import COLUMNS, accuracy_table, cells_of, profile_accuracy, render
 

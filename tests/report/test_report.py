@@ -22,8 +22,9 @@ from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.cli.demo import QUICK, run_demo
 from gliderhpc.errors import InputError
 from gliderhpc.findings import drawing
-from gliderhpc.findings.findings import Comparison, comparisons_as_json, write_csv, write_json
+from gliderhpc.findings.comparison import Comparison, comparisons_as_json
 from gliderhpc.findings.formatting import with_deviation
+from gliderhpc.findings.results import write_csv, write_json
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path

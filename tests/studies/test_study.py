@@ -25,22 +25,16 @@ import gliderhpc as gh
 import gliderhpc.report.studies
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import (
+from gliderhpc.findings.comparison import (
     COLUMNS,
     NUMBER_COLUMNS,
     Comparison,
-    Findings,
-    archive_findings,
-    as_plain,
     comparison_from_json,
     comparison_table,
     comparisons_as_json,
-    markdown,
-    number,
-    write_csv,
-    write_findings,
-    write_json,
 )
+from gliderhpc.findings.formatting import markdown, number
+from gliderhpc.findings.results import Findings, archive_findings, as_plain, write_csv, write_findings, write_json
 from gliderhpc.mission.executors import DaskExecutor, local_executor
 from gliderhpc.report.studies import show_study, studies_in
 from gliderhpc.store_schema import check_archive, create_study, finish_study, set_study_attributes, write_table_rows

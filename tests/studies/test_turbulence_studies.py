@@ -16,7 +16,7 @@ from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.errors import ProfileError
 from gliderhpc.estimation.preparation import model_controls
-from gliderhpc.findings.findings import write_csv
+from gliderhpc.findings.results import write_csv
 from gliderhpc.flight.glider import Glider
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.settings import MissionSettings

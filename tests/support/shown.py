@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from gliderhpc.archive.mission import open_for_reading
-from gliderhpc.findings.findings import Findings, write_findings
+from gliderhpc.findings.results import Findings, write_findings
 from gliderhpc.report.studies import show_study
 
 
@@ -71,4 +71,4 @@ def leave_studies_undrawn(patch: pytest.MonkeyPatch) -> None:
         path.touch()
         return path
 
-    patch.setattr("gliderhpc.findings.findings._write_png", touched)
+    patch.setattr("gliderhpc.findings.results._write_png", touched)

@@ -10,7 +10,7 @@ from benchmarks import twins as twins_page
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import PUBLISHED_TERMS, TERMS, Budget, CurrentErrors, read_budget
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.findings.findings import write_findings
+from gliderhpc.findings.results import write_findings
 from gliderhpc.mission.executors import SerialExecutor
 from gliderhpc.platform import read_platform
 from gliderhpc.studies.library.passband import PERIODS, describe_bin_averaging, describe_unresolved, passband

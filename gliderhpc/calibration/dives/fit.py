@@ -137,7 +137,15 @@ def _run_rounds(inputs: ProfileCalibrationInputs, executor: OpenExecutor, progre
     parameters = tuple(p for p in all_parameters if p.key not in held_keys)
     fitted, held_out = inputs.numbers
     with executor() as opened, progress(inputs.rounds * (len(fitted) + len(held_out))) as advance:
-        rounds = CalibrationRounds(inputs.observations, base, parameters, fitted, held_out, settings, opened)
+        rounds = CalibrationRounds(
+            inputs.observations,
+            base,
+            parameters,
+            fitted=fitted,
+            held_out=held_out,
+            settings=settings,
+            executor=opened,
+        )
         return rounds.run(inputs.start, inputs.rounds, advance)
 
 

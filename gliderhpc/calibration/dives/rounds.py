@@ -253,6 +253,7 @@ class CalibrationRounds:
         observations: Observations,
         base: Platform,
         parameters: tuple[HullParameter, ...],
+        *,
         fitted: Sequence[int],
         held_out: Sequence[int],
         settings: CalibrateSettings,

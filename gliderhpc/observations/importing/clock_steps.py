@@ -8,6 +8,7 @@ times by two different clocks.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -74,9 +75,30 @@ def find_clock_steps(time: TimeArray, keep: npt.NDArray[np.bool_], depth: FloatA
     return list(steps.values())
 
 
-def without_doubtful(
+class ClockScreening(NamedTuple):
+    """Profiles and fixes that remain after the clock steps of a record.
+
+    Attributes
+    ----------
+    profile : (n,) int array
+        Profile numbers of the rows, 0 for the profiles left out.
+    fixes : Fixes
+        GPS fixes, without those around a step at the surface.
+    left_out : dict of int to str
+        Reasons by number of the profile left out.
+    remarks : list of str
+        Remarks on the steps that caused fixes to be left out, one line each.
+    """
+
+    profile: npt.NDArray[np.int64]
+    fixes: Fixes
+    left_out: dict[int, str]
+    remarks: list[str]
+
+
+def screen_clock_steps(
     steps: Iterable[ClockStep], profile: npt.NDArray[np.int64], time: TimeArray, fixes: Fixes
-) -> tuple[npt.NDArray[np.int64], Fixes, dict[int, str], list[str]]:
+) -> ClockScreening:
     """Remove the profiles that are incomplete because of a clock step, and the fixes with times by two clocks.
 
     Parameters
@@ -89,17 +111,6 @@ def without_doubtful(
         Times of the rows, increasing.
     fixes : Fixes
         GPS fixes.
-
-    Returns
-    -------
-    profile : (n,) int array
-        Profile numbers of the rows, 0 for the profiles left out.
-    fixes : Fixes
-        GPS fixes, without those around a step at the surface.
-    left_out : dict of int to str
-        Reasons by number of the profile left out.
-    remarks : list of str
-        Remarks on the steps that caused fixes to be left out, one line each.
     """
     profile, left_out, remarks = profile.copy(), {}, []
     for step in steps:
@@ -116,7 +127,7 @@ def without_doubtful(
                 f"{step.describe()}: {np.count_nonzero(doubtful)} GPS fixes of that surfacing are left out, so the "
                 "profiles on either side have no current"
             )
-    return profile, fixes, left_out, remarks
+    return ClockScreening(profile, fixes, left_out, remarks)
 
 
 def _profile_at(step: ClockStep, profile: npt.NDArray[np.int64]) -> int:

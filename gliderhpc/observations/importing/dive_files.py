@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -74,16 +75,11 @@ def without_dives(files: Sequence[FileRecords], numbers: Iterable[int]) -> list[
     return rest
 
 
-def join_files(files: Sequence[FileRecords]) -> tuple[Columns, Fixes, list[ClockStep], Counter[str]]:
-    """Join the files of a mission.
+class JoinedFiles(NamedTuple):
+    """Content of the files of a mission, joined.
 
-    Parameters
+    Attributes
     ----------
-    files : sequence of FileRecords
-        Content of the files, in time order.
-
-    Returns
-    -------
     variables : dict of str to array
         Samples in time order, without those that precede the end of an earlier file, and reference quantities.
     fixes : Fixes
@@ -93,11 +89,26 @@ def join_files(files: Sequence[FileRecords]) -> tuple[Columns, Fixes, list[Clock
     rows_dropped : Counter
         Number of samples left out, by reason.
     """
+
+    variables: Columns
+    fixes: Fixes
+    clock_steps: list[ClockStep]
+    rows_dropped: Counter[str]
+
+
+def join_files(files: Sequence[FileRecords]) -> JoinedFiles:
+    """Join the files of a mission.
+
+    Parameters
+    ----------
+    files : sequence of FileRecords
+        Content of the files, in time order.
+    """
     variables, backwards, steps = in_time_order(join_columns([file.samples for file in files]))
     variables |= {name: np.concatenate([file.solution[name] for file in files]) for name in files[0].solution}
     dropped = backwards + sum(file.rows_dropped for file in files)
     rows_dropped = Counter({NOT_INCREASING: dropped} if dropped else {})
-    return variables, merge_fixes([file.fixes for file in files]), steps, rows_dropped
+    return JoinedFiles(variables, merge_fixes([file.fixes for file in files]), steps, rows_dropped)
 
 
 def check_samples(samples: Columns, path: str, otherwise: str) -> None:

@@ -18,7 +18,7 @@ from gliderhpc.observations.checks.sign_checks import GLIDE, fault_of_signs
 from gliderhpc.observations.checks.validation import Span
 from gliderhpc.observations.fixes import Fixes
 from gliderhpc.observations.format import REQUIRED, VARIABLES
-from gliderhpc.observations.importing.clock_steps import ClockStep, without_doubtful
+from gliderhpc.observations.importing.clock_steps import ClockStep, screen_clock_steps
 from gliderhpc.observations.importing.rows import Columns
 from gliderhpc.observations.intervals import usual_interval, without_gaps
 from gliderhpc.observations.records import FloatArray, TimeArray
@@ -257,7 +257,7 @@ def import_mission(
 
 def _without_doubtful_profiles(mission: MissionRecords) -> MissionRecords:
     """Leave out the profiles that lost rows to a clock step, and the fixes around such a step."""
-    numbers, fixes, lost, remarks = without_doubtful(
+    certain = screen_clock_steps(
         mission.clock_steps,
         mission.variables["profile"].astype(np.int64),
         mission.variables["time"].astype("datetime64[ns]"),
@@ -265,17 +265,19 @@ def _without_doubtful_profiles(mission: MissionRecords) -> MissionRecords:
     )
     piece = mission.pieces.removesuffix("s")
     rejected = mission.rejected | {
-        f"{piece} {part}": why for number, why in lost.items() for part in mission.parts.get(number) or (number,)
+        f"{piece} {part}": why
+        for number, why in certain.left_out.items()
+        for part in mission.parts.get(number) or (number,)
     }
     without = mission.without_profile
     return replace(
         mission,
-        variables={**mission.variables, "profile": numbers},
-        spans={number: span for number, span in mission.spans.items() if number not in lost},
-        fixes=fixes,
+        variables={**mission.variables, "profile": certain.profile},
+        spans={number: span for number, span in mission.spans.items() if number not in certain.left_out},
+        fixes=certain.fixes,
         rejected=rejected,
         without_profile=without and {name: why for name, why in without.items() if name not in rejected},
-        remarks=(*remarks, *mission.remarks),
+        remarks=(*certain.remarks, *mission.remarks),
     )
 
 

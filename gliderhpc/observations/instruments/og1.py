@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from gliderhpc.observations.checks.validation import profile_spans
 from gliderhpc.observations.files.foreign import ForeignFile, files_of
 from gliderhpc.observations.files.stored_reads import Reads, read_directly
 from gliderhpc.observations.fixes import MAXIMUM_DRIFT
-from gliderhpc.observations.importing.clock_steps import ClockStep, find_clock_steps, without_doubtful
+from gliderhpc.observations.importing.clock_steps import ClockStep, find_clock_steps, screen_clock_steps
 from gliderhpc.observations.importing.dive_files import (
     FileRecords,
     check_samples,
@@ -124,26 +125,26 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
     files = without_dives(files, lost)
     if not files:
         raise InputError(next(iter(lost.values())))
-    variables, fixes, steps, rows_dropped = join_files(files)
-    spans, _ = profile_spans(variables["profile"].astype(np.int64))
+    joined = join_files(files)
+    spans, _ = profile_spans(joined.variables["profile"].astype(np.int64))
     return MissionRecords(
         platform=_platform(found[0].model),
         vehicle=vehicle,
         mission=found[0].mission,
         source=f"OceanGliders OG1 netCDF, {names}",
         pieces="dives",
-        variables=variables,
+        variables=joined.variables,
         spans=spans,
         parts={number: (of_number[number][0],) for number in spans},
-        fixes=fixes,
+        fixes=joined.fixes,
         comments=_describe_processing(found),
         rejected=rejected
         | {f"dive {n}": why for record in found for n, why in record.lost.items()}
         | {f"dive {n}": why for n, why in lost.items()},
         without_profile={_name(record, n): why for record in found for n, why in record.without_dive.items()},
-        rows_dropped=rows_dropped,
+        rows_dropped=joined.rows_dropped,
         remarks=tuple(remark for record in found for remark in (*_remarks(record), *record.remarks)),
-        clock_steps=steps,
+        clock_steps=joined.clock_steps,
     )
 
 
@@ -272,7 +273,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     vehicle = file.text("PLATFORM_SERIAL_NUMBER") or file.attribute("id") or file.path.stem
     check_complete(file)
     rejected = (*reject_flagged(file), *reject_fills(file))
-    samples, turned, absent, unusable = _read_samples(file, declination)
+    read = _read_samples(file, declination)
+    samples = read.columns
     # A depth of the wrong sign, which the limits may exclude, has been refused.
     limited = describe_limits(file)
     doubt = _check_heading(file)
@@ -281,7 +283,8 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
     flight = _flight(file, order, {name: values[order.rows] for name, values in samples.items()})
     found, time = flight.found, flight.samples["time"].astype("datetime64[ns]")
     profile = number_samples(found.spans, len(time))
-    _, fixes, lost, remarks = without_doubtful(flight.steps, profile, time, read_gps(file))
+    certain = screen_clock_steps(flight.steps, profile, time, read_gps(file))
+    fixes, lost = certain.fixes, certain.left_out
     dives = {number: span for number, span in found.spans.items() if number not in lost}
     own_remarks = [f"{file.path.name}: {each}" for each in (*order.describe(), doubt, found.remark) if each]
     return Record(
@@ -297,13 +300,21 @@ def read_record(file: ForeignFile, declination: float | None) -> Record:
         | read_flight_model(file, len(dives))
         | read_speeds(file),
         fixes=fixes,
-        declination=turned,
-        absent=absent,
+        declination=read.declination,
+        absent=read.absent,
         renumbered=bool(found.remark),
         without_dive=found.without,
         lost=lost | {number: f"{file.path}: {why} (TIME)" for number, why in flight.contradicting.items()},
         rows_dropped=flight.rows_dropped,
-        remarks=(*rejected, *limited, *clock, *unusable, *own_remarks, *describe_fixes(file, fixes), *remarks),
+        remarks=(
+            *rejected,
+            *limited,
+            *clock,
+            *read.remarks,
+            *own_remarks,
+            *describe_fixes(file, fixes),
+            *certain.remarks,
+        ),
     )
 
 
@@ -369,10 +380,17 @@ def _order(file: ForeignFile, samples: Columns) -> RowOrder:
     return order if keeps_count(file, order.rows) else RowOrder(np.arange(len(samples["time"])))
 
 
-def _read_samples(
-    file: ForeignFile, declination: float | None
-) -> tuple[Columns, Declination, tuple[str, ...], tuple[str, ...]]:
-    """Read all rows of a file, with the heading's declination, absent controls, and remarks on the water."""
+class _Samples(NamedTuple):
+    """All rows of a file, the declination added to its heading, absent controls, and remarks on its seawater."""
+
+    columns: Columns
+    declination: Declination
+    absent: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def _read_samples(file: ForeignFile, declination: float | None) -> _Samples:
+    """Read all rows of a file."""
     names = {what: term.require(file, what) for what, term in ATTITUDE.items()}
     turned = find_declination(file, names["heading"], declination)
     samples: Columns = {
@@ -385,7 +403,7 @@ def _read_samples(
     seawater, unusable = read_seawater(file)
     samples |= controls | seawater
     check_samples(samples, str(file.path), "does not lie along TIME; give an OG1 trajectory file")
-    return samples, turned, absent, unusable
+    return _Samples(samples, turned, absent, unusable)
 
 
 def _check_heading(file: ForeignFile) -> str | None:

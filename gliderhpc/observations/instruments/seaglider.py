@@ -138,8 +138,8 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         reason = most_frequent_reason(f"{dive}: {why}" for dive, why in (rejected | without).items())
         raise InputError(f"{sources[0]}: no dive can be used; {reason}")
     dives = list(found.values())
-    variables, fixes, steps, rows_dropped = join_files([dive.records for dive in dives])
-    spans, _ = profile_spans(variables["profile"].astype(np.int64))
+    joined = join_files([dive.records for dive in dives])
+    spans, _ = profile_spans(joined.variables["profile"].astype(np.int64))
     doubt = _check_heading(dives, str(sources[0]))
     vehicle = f"SG{glider:03d}"
     return MissionRecords(
@@ -148,14 +148,14 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
         mission=dives[0].mission or vehicle,
         source=f"Seaglider per-dive netCDF of the basestation, dives {min(found)}-{max(found)}",
         pieces="dives",
-        variables=variables,
+        variables=joined.variables,
         spans=spans,
         parts={number: (number,) for number in spans},
-        fixes=fixes,
+        fixes=joined.fixes,
         comments=_describe_processing(dives, centres, declination),
         rejected=rejected,
         without_profile=without,
-        rows_dropped=rows_dropped,
+        rows_dropped=joined.rows_dropped,
         rejected_attribute="dives_rejected",
         remarks=(
             *([doubt] if doubt else []),
@@ -163,7 +163,7 @@ def _read_mission(sources: Sequence[Path], declination: float | None, reads: Rea
             *_describe_left_out(found),
             *(remark for number, dive in found.items() for remark in _missing_fixes(number, dive)),
         ),
-        clock_steps=steps,
+        clock_steps=joined.clock_steps,
     )
 
 

@@ -17,7 +17,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gliderhpc.errors import InputError
 from gliderhpc.findings.drawing import Images, images_of
-from gliderhpc.findings.findings import number, write_csv
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import write_csv
 from gliderhpc.output_files import filled_aside
 from gliderhpc.report.page.content import FigureBlock, LinkedTable, Page, Table
 from gliderhpc.store_schema.location import Location, absolute, is_address

@@ -12,7 +12,8 @@ import xarray as xr
 from gliderhpc.archive.mission import Summary
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import COLUMNS, Comparison, Findings, comparison_from_json, figure_text
+from gliderhpc.findings.comparison import COLUMNS, Comparison, comparison_from_json, range_text
+from gliderhpc.findings.results import Findings
 from gliderhpc.report.page.content import (
     Block,
     Commands,
@@ -156,9 +157,9 @@ def comparison_row(row: Comparison) -> Row:
     values = (
         row.quantity,
         row.unit,
-        row.paper_text or figure_text(row.paper),
+        row.paper_text or range_text(row.paper),
         row.ours,
-        figure_text(row.spread),
+        range_text(row.spread),
         row.ratio,
         row.remark,
     )

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.errors import InputError
-from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.store_schema.schema import COMPLETE, study_called
 from gliderhpc.studies.archived import column_medians, failed_profiles, provenance_of, study_table

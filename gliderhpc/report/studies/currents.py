@@ -12,6 +12,7 @@ import xarray as xr
 
 from gliderhpc.archive.profile import ProfileData, read_profile_data
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import (
     ESTIMATE,
     FILTER,
@@ -24,7 +25,8 @@ from gliderhpc.findings.drawing import (
     mark_empty,
     panels,
 )
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.platform import Platform
 from gliderhpc.report.studies.summaries import describe_data, estimate_label, median_of, shared_facts
 from gliderhpc.store_schema.columns import bin_column, component_column

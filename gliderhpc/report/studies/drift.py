@@ -12,7 +12,7 @@ import pandas as pd
 from gliderhpc.archive.profile import ADJOINT, SMOOTHED
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MODEL, SHADE, footnote, label, outer_legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.drift_tables import comparisons, table_5, table_5_text, table_6, table_6_text
 from gliderhpc.report.studies.hull import change_findings
 from gliderhpc.report.studies.summaries import ESTIMATES, describe_data
@@ -337,7 +337,7 @@ def _drift_findings(
     """Compute trends, drag and verdict from what the study has stored."""
     changes, moments = read_changes(archive), read_moment_changes(archive)
     counted = counted_estimates(windows_start(archive))
-    return find_drift(table, platform_of(archive), settings, slopes, changes, counted, moments)
+    return find_drift(table, platform_of(archive), settings, slopes, changes=changes, counted=counted, moments=moments)
 
 
 def drift_sentences(archive: Archive) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from gliderhpc.findings.findings import Comparison, figure_text, markdown, number
+from gliderhpc.findings.comparison import Comparison, range_text
+from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.studies.library.drift.change_text import MOMENT_NAMES
 from gliderhpc.studies.library.drift.coefficients import CoefficientSlopes, are_drawn
 from gliderhpc.studies.library.drift.medians import (
@@ -132,7 +133,7 @@ def _coefficients(slopes: Sequence[CoefficientSlopes]) -> Iterator[Comparison]:
             "1",
             slope.same_sign,
             PAPER_SAME_SIGN if (slope.quantity, slope.phase) in PAPER_DRIFTS else None,
-            remark=f"slope {number(slope.nominal)} per day, draws {figure_text(slope.interval)}",
+            remark=f"slope {number(slope.nominal)} per day, draws {range_text(slope.interval)}",
         )
         if slope.quantity == "B_cu":
             yield Comparison(
@@ -198,7 +199,7 @@ def table_5_text(rows: Sequence[dict[str, Any]]) -> str:
         (
             str(row["estimate"]), f"{row['component']} ({row['unit']})", str(row["phase"]), str(row["count"]),
             f"{row['tau']:+.2f}" if np.isfinite(row["tau"]) else "–", number(row["p"]), number(row["slope"]),
-            figure_text((row["slope_low"], row["slope_high"])), number(row["drift"]),
+            range_text((row["slope_low"], row["slope_high"])), number(row["drift"]),
             number(row["drift_percent"]), number(row["floor"]), number(row["ratio"]), _TIERS[row["tier"]],
             number(row["robust_p"]), str(row["block"]), number(row["holm_p"]), "drift" if row["shown"] else "not shown",
         )
@@ -258,7 +259,7 @@ def _coefficient_rows(rows: Sequence[dict[str, Any]], settings: CoefficientSetti
             str(row["phase"]),
             number(row["slope_all_samples"]),
             number(row["slope_segments"]),
-            figure_text((row["slope_low"], row["slope_high"])),
+            range_text((row["slope_low"], row["slope_high"])),
             f"{row['same_sign']:.0%} of {row['draws']}" if row["draws"] else "–",
             number(row["slope_pitch_up"]),
             number(row["slope_pitch_down"]),

@@ -10,8 +10,10 @@ import pandas as pd
 
 from gliderhpc.archive.profile import read_profile_data
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import FILTER, MODEL, SMALL, TRUTH, label, legend, panels
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data, shared_facts
 from gliderhpc.report.studies.turbulence import describe_series, unit_of
 from gliderhpc.store_schema.columns import CATALOGUE

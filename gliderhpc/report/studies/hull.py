@@ -13,8 +13,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import LANDSCAPE, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.flight.hull_parameters import HullParameter, hull_parameters
 from gliderhpc.mission_hull.single_changes import POSSIBLE, PROBABLE
 from gliderhpc.platform import Platform

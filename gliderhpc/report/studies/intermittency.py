@@ -11,7 +11,7 @@ import xarray as xr
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import MODEL, SHADE, footnote, label, legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data, shared_facts
 from gliderhpc.report.studies.turbulence import (
     band_remarks,

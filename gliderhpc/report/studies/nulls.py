@@ -10,7 +10,8 @@ import pandas as pd
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SMOOTHER, TRUTH, label, legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings, number
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data
 from gliderhpc.report.studies.turbulence import (
     LABELS,

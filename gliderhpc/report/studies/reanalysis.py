@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMALL, SMOOTHER, TRUTH, label, legend, panels
-from gliderhpc.findings.findings import Findings, archive_findings, markdown
+from gliderhpc.findings.formatting import markdown
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.reanalysis_comparisons import Compared, agreement_rows, agreements, compare, comparisons
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, shared_facts
 from gliderhpc.studies.archived import (

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.findings import Comparison, Paper
+from gliderhpc.findings.comparison import Comparison, Paper
 from gliderhpc.studies.library.scores import (
     COVERAGE,
     direction_difference,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gliderhpc.archive.profile import TRACKED, ProfileData, read_profile_data
 from gliderhpc.archive.reader import Archive
 from gliderhpc.estimation.quality import SEGMENT
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import (
     ESTIMATE,
     FILTER,
@@ -26,7 +27,8 @@ from gliderhpc.findings.drawing import (
     panels,
     shade,
 )
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, number
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.platform import Platform
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, estimate_label, median_of, shared_facts
 from gliderhpc.store_schema.columns import regime_column, tracked_column

@@ -11,8 +11,10 @@ import pandas as pd
 import xarray as xr
 
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import FILTER, MODEL, SHADE, SMOOTHER, footnote, label, legend, panel_letters, panels
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, markdown, number
+from gliderhpc.findings.formatting import markdown, number
+from gliderhpc.findings.results import Findings, archive_findings, as_plain
 from gliderhpc.report.studies.summaries import describe_data, median_of, shared_facts
 from gliderhpc.report.studies.turbulence import band_remarks, describe_resolution, describe_series
 from gliderhpc.store_schema.columns import BETA, BETA_RESOLVED, PARTS, WHOLE, extent_columns, fit_columns

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gliderhpc.findings.findings import Comparison, markdown, number
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.report.studies.summaries import describe_data, estimate_label
 from gliderhpc.store_schema.columns import (
     FAMILIES,

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import (
     FILTER,
     GLIDE_ANGLE,
@@ -23,7 +24,8 @@ from gliderhpc.findings.drawing import (
     panels,
     style_axes,
 )
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings, as_plain, number
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings, archive_findings, as_plain
 from gliderhpc.report.studies.summaries import describe_data, describe_profiles, median_of
 from gliderhpc.studies.archived import (
     Provenance,

@@ -11,8 +11,9 @@ import xarray as xr
 
 from gliderhpc.archive.profile import uses_measured_density
 from gliderhpc.archive.reader import Archive
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.findings.drawing import FILTER, LANDSCAPE, MEASURED, MODEL, label, legend, limits, panels
-from gliderhpc.findings.findings import Comparison, Findings, archive_findings
+from gliderhpc.findings.results import Findings, archive_findings
 from gliderhpc.report.studies.summaries import describe_data, median_of
 from gliderhpc.store_schema.columns import effect_column, leg_column
 from gliderhpc.studies.archived import (

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gliderhpc.estimation.current_errors import TERMS
-from gliderhpc.findings.findings import Comparison
+from gliderhpc.findings.comparison import Comparison
 from gliderhpc.studies.library.passband import HALF
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.cases import PRESETS

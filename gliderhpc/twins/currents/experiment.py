@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from gliderhpc.errors import InputError
 from gliderhpc.estimation.current_errors import MIN_TWINS, TERMS, Budget, budget_text
-from gliderhpc.findings.findings import Findings
+from gliderhpc.findings.results import Findings
 from gliderhpc.studies.library.retrieval import DepthResolvedSettings
 from gliderhpc.twins.currents.conclusions import compare_averaged, compare_resolved, describe_results
 from gliderhpc.twins.currents.figure import draw_currents

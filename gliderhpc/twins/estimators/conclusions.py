@@ -6,7 +6,8 @@ from operator import itemgetter
 
 import numpy as np
 
-from gliderhpc.findings.findings import Comparison, number
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.formatting import number
 from gliderhpc.twins.estimators.methods import ESTIMATORS, HEAVY_TAILED, LABELS, PAPER, SMOOTHER
 from gliderhpc.twins.estimators.runs import (
     CALM,

@@ -6,7 +6,7 @@ the coverage of intervals if the estimator gives any.
 
 from dataclasses import replace
 
-from gliderhpc.findings.findings import Findings, as_plain
+from gliderhpc.findings.results import Findings, as_plain
 from gliderhpc.twins.estimators.conclusions import (
     compare_estimators,
     describe_intervals,

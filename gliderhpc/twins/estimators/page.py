@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gliderhpc.findings.findings import markdown, number
+from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.twins.estimators.methods import LABELS
 from gliderhpc.twins.estimators.runs import COEFFICIENTS, IMPULSIVE
 from gliderhpc.twins.scoring import INTERVALS, LONGITUDINAL_AND_YAW, Row

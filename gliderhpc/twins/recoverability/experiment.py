@@ -17,7 +17,8 @@ import pandas as pd
 from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.current_errors import MIN_TWINS, Budget, CurrentError, budget_text, fit_budget
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.findings.findings import Comparison, Findings
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.results import Findings
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario
 from gliderhpc.studies.library.scores import rms

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.findings.findings import Comparison, Findings
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.results import Findings
 from gliderhpc.platform import Platform
 from gliderhpc.simulator import Scenario
 from gliderhpc.twins.cases import (

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.findings.findings import Comparison, Findings, number
+from gliderhpc.findings.comparison import Comparison
+from gliderhpc.findings.formatting import number
+from gliderhpc.findings.results import Findings
 from gliderhpc.platform import Platform
 from gliderhpc.twins.cases import OPERATING_LENGTH, PRESETS, TwinCase, course_of, world
 from gliderhpc.twins.inversion import invert_twin

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from gliderhpc.findings.findings import number
+from gliderhpc.findings.formatting import number
 from gliderhpc.studies.library.drift.change_search import Size
 from gliderhpc.studies.library.drift.changes import AXIAL, MOMENTS, Change, Changes
 from gliderhpc.studies.library.drift.medians import DRAG

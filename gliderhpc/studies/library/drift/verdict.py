@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.archive.profile import ADJOINT
 from gliderhpc.archive.reader import Archive
-from gliderhpc.findings.findings import number
+from gliderhpc.findings.formatting import number
 from gliderhpc.platform import Platform
 from gliderhpc.store_schema.columns import FORWARD_ERROR_COLUMN, median_column
 from gliderhpc.studies.library.drift.change_points import moment_per_degree
@@ -342,6 +342,7 @@ def find_drift(
     hull: Platform,
     settings: DriftSettings,
     slopes: Sequence[CoefficientSlopes] = (),
+    *,
     changes: Changes | None = None,
     counted: tuple[str, ...] = PRIMARY,
     moments: Changes | None = None,

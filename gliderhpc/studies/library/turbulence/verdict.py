@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.findings.findings import number
+from gliderhpc.findings.formatting import number
 from gliderhpc.store_schema.columns import GAUSSIAN
 from gliderhpc.studies.library.turbulence.contrast import LEVEL, POWER, Contrast, FalsePositives, contrast_of
 from gliderhpc.studies.library.turbulence.ensembles import MIN_NULLS, Ensembles, finite

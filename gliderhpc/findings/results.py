@@ -1,20 +1,19 @@
-"""Findings of any study: comparisons with the paper, tables, figures, and their files."""
+"""Findings of any study: its comparisons, tables, figures and remarks together, and the files that contain them."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from rich.table import Table
-from rich.text import Text
 
+from gliderhpc.findings.comparison import Comparison, comparisons_as_json
 from gliderhpc.findings.drawing import render_image
 from gliderhpc.output_files import filled_aside
 
@@ -22,37 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Row = Mapping[str, Any]
-
-_ABSENT = "–"
-
-COLUMNS = ("quantity", "unit", "paper", "ours", "spread", "ratio", "remark")
-"""Columns of the table of comparisons."""
-
-NUMBER_COLUMNS = ("paper", "ours", "spread", "ratio")
-"""Those that hold numbers."""
-
-_OPTIONAL = ("spread", "remark")
-
-
-Paper = float | tuple[float, float] | None
-"""Value of the paper, its range (lower end first), or None if the paper states none."""
-
-
-def number(value: float | None) -> str:
-    """Format a number with three significant digits, without an exponent if legible; a missing one as a dash."""
-    if value is None or not math.isfinite(value):
-        return _ABSENT
-    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
-        return f"{value:.2e}"
-    digits = 2 if value == 0.0 else max(0, 2 - math.floor(math.log10(abs(value))))
-    return f"{value:.{digits}f}"
-
-
-def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]], of_numbers: Collection[str] = ()) -> str:
-    """Format cells as a Markdown table, with the columns `of_numbers` right-aligned."""
-    rules = ["---:" if column in of_numbers else "---" for column in columns]
-    lines = [columns, rules, *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> Path:
@@ -88,105 +56,6 @@ def _csv_cell(value: Any) -> Any:
     if isinstance(value, float):
         return "" if math.isnan(value) else f"{value:.8g}"
     return "" if value is None else value
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Value of one quantity in the paper and in this study.
-
-    Attributes
-    ----------
-    quantity : str
-        Name of the quantity.
-    unit : str
-        Unit of all its numbers; ``1`` for a ratio or a count.
-    ours : float
-        Value of this study, NaN if there is none.
-    paper : float, (float, float), optional
-        Value of the paper, or its range with the lower end first; None if the paper states none.
-    spread : (float, float), optional
-        Range of our values over the runs: quartiles, unless `remark` states otherwise.
-    paper_text : str
-        Text of the paper if neither a number nor a range can express it (``<= 0.24``).
-    remark : str
-        Note for the reader, such as the data behind our value.
-    """
-
-    quantity: str
-    unit: str
-    ours: float
-    paper: Paper = None
-    spread: tuple[float, float] | None = None
-    paper_text: str = ""
-    remark: str = ""
-
-    @property
-    def ratio(self) -> float | None:
-        """Ratio of our value to the paper's (the nearest end of a range, 1 inside it); None if that is meaningless."""
-        reference = self.paper
-        if isinstance(reference, tuple):
-            reference = min(max(self.ours, reference[0]), reference[1])
-        if reference is None or reference == 0.0 or not math.isfinite(self.ours):
-            return None
-        return self.ours / reference
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Texts of the row, in the order of `COLUMNS`."""
-        paper = self.paper_text or figure_text(self.paper)
-        return (
-            self.quantity,
-            self.unit,
-            paper,
-            number(self.ours),
-            figure_text(self.spread),
-            number(self.ratio),
-            self.remark,
-        )
-
-
-def figure_text(value: Paper) -> str:
-    """Format a value or a range as text; a range without ends is a dash, as a missing value is."""
-    if not isinstance(value, tuple):
-        return number(value)
-    low, high = map(number, value)
-    return low if low == high == _ABSENT else f"{low} to {high}"
-
-
-def comparison_table(rows: Sequence[Comparison], title: str) -> Table:
-    """Format comparisons as a table for a terminal, with spread and remark only if a row has one."""
-    shown = [name not in _OPTIONAL or any(getattr(row, name) for row in rows) for name in COLUMNS]
-    table = Table(title=Text(title), title_justify="left")
-    for column in _selected(COLUMNS, shown):
-        table.add_column(column, justify="right" if column in NUMBER_COLUMNS else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, _selected(row.cells, shown)))
-    return table
-
-
-def comparisons_as_json(rows: Iterable[Comparison]) -> list[dict[str, Any]]:
-    """Return comparisons as plain values, including the ratio."""
-    return [{**asdict(row), "ratio": row.ratio} for row in rows]
-
-
-def comparison_from_json(content: Mapping[str, Any]) -> Comparison:
-    """Restore a comparison from an entry of `comparisons_as_json` that was read from a JSON file."""
-    values = {name: value for name, value in content.items() if name != "ratio"}
-    if "paper_said" in values:  # its name in files of earlier versions
-        values["paper_text"] = values.pop("paper_said")
-    values["ours"] = _known(values["ours"])
-    for name in ("paper", "spread"):
-        if isinstance(values.get(name), list):
-            values[name] = tuple(_known(end) for end in values[name])
-    return Comparison(**values)
-
-
-def _known(value: float | None) -> float:
-    return float("nan") if value is None else value
-
-
-def _selected(values: Sequence[str], shown: Sequence[bool]) -> list[str]:
-    return [value for value, is_shown in zip(values, shown, strict=True) if is_shown]
 
 
 class Drawings(Mapping[str, "Figure"]):
