@@ -27,7 +27,7 @@ MODULES_FIRST = (
     "test_api.py", "test_commits.py", "test_slurm.py", "test_fuzz.py", "test_object_store.py", "test_drift.py",
     "test_turbulence_studies.py", "test_vertical.py", "test_twin_studies.py", "test_fleet.py", "test_hull_rounds.py",
     "test_real_missions.py", "test_reconstruction.py", "test_damaged_archives.py", "test_cli.py",
-    "test_profile_figure.py", "test_engines_agree.py", "test_benchmarks.py",
+    "test_motion_figure.py", "test_engines_agree.py", "test_benchmarks.py",
 )  # fmt: skip
 """Modules that take longest: no worker shall begin one of them when the others have nothing left to do."""
 

@@ -27,7 +27,7 @@ from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings, validated_settings
 from gliderhpc.observations.in_memory import Records, opened_records
 from gliderhpc.observations.truth import read_profile_truth
-from gliderhpc.report.profile_figure import profile_figure
+from gliderhpc.report.motion_figure import motion_figure
 from gliderhpc.report.studies import show_study
 from gliderhpc.store_schema import read_attributes, restored_on_error, set_study_attributes
 from gliderhpc.studies.registry import STUDIES, VALIDATION, run_study
@@ -301,7 +301,7 @@ def plot_profile(
         )
     number = chosen_profile(done_profiles(dive), profile) if profile is None else profile
     known = read_profile_truth(Path(truth), number) if isinstance(truth, str | Path) else truth
-    return profile_figure(dive, number, known)
+    return motion_figure(dive, number, known)
 
 
 def plot_currents(found: xr.Dataset | xr.DataTree) -> "Figure":

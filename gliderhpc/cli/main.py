@@ -10,7 +10,6 @@ import warnings
 import click
 from click.shell_completion import get_completion_class
 
-from gliderhpc.cli.address_space import check_address_space
 from gliderhpc.cli.interruption import interruptible
 from gliderhpc.cli.messages import (
     FULL,
@@ -22,7 +21,7 @@ from gliderhpc.cli.messages import (
     printable,
     refuse_empty,
 )
-from gliderhpc.errors import CalibrationError, GliderhpcError, RunStoppedError
+from gliderhpc.errors import CalibrationError, GliderhpcError, InputError, RunStoppedError
 from gliderhpc.garbage import infrequent_collection
 from gliderhpc.version import __version__
 
@@ -31,6 +30,10 @@ DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 
 UNREAD = 128 + signal.SIGPIPE
 """Exit status if the output pipe closed early (for example by `head`), as of any program in a shell's pipe."""
+
+MIN_ADDRESS_SPACE = 600_000_000
+"""Smallest limit (bytes) in which numpy, scipy and numba can be loaded. With less, OpenBLAS does not fail but tries to
+allocate its buffers forever, or interrupts the process as Ctrl-C does."""
 
 VERBS = {
     "run-mission": "run_mission",
@@ -200,7 +203,7 @@ def _run(arguments: list[str] | None, verb: str) -> int:
             # Incomplete files of a killed run do not belong to an archive and need no warning.
             warnings.filterwarnings("ignore", message=r"Object at .*\.partial is not recognized")
             refuse_empty(sys.argv[1:] if arguments is None else arguments)
-            check_address_space()
+            _check_address_space()
             status = program.main(args=arguments, prog_name="gliderhpc", standalone_mode=False)
             return status if isinstance(status, int) else DONE
     except click.ClickException as error:
@@ -227,6 +230,20 @@ def _run(arguments: list[str] | None, verb: str) -> int:
         return UNREAD
     except Exception as error:  # noqa: BLE001 - the last handler
         return _report_error(error, verb, remedy)
+
+
+def _check_address_space() -> None:
+    """Refuse a limit on the address space below `MIN_ADDRESS_SPACE`, before a library is loaded."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
+        raise InputError(
+            f"not enough memory: this process may use {limit / 1e6:.0f} MB of address space, and needs at least "
+            f"{MIN_ADDRESS_SPACE / 1e6:.0f} MB; raise the limit (ulimit -v, or that of the batch system)"
+        )
 
 
 def _report_error(error: Exception, verb: str, remedy: str) -> int:

@@ -15,6 +15,7 @@ from gliderhpc.findings.formatting import instant
 from gliderhpc.observations.truth import read_profile_truth
 from gliderhpc.outcomes import Outcome
 from gliderhpc.report.facts import facts_of
+from gliderhpc.report.motion_figure import motion_figure
 from gliderhpc.report.page.content import (
     Block,
     Commands,
@@ -36,7 +37,6 @@ from gliderhpc.report.page.profile_figures import (
 )
 from gliderhpc.report.page.rendering import cell
 from gliderhpc.report.page.reproduction import provenance_section, study_command
-from gliderhpc.report.profile_figure import profile_figure
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.currents import figure_7, nothing_retrieved
 from gliderhpc.store_schema.location import Location
@@ -226,7 +226,7 @@ def motion_block(archive: Archive, number: int, stem: str, truth: Path | None) -
         stem,
         f"Profile {number}. {_MOTION_CAPTION}{'' if truth is None else _WITH_TRUTH}",
         _alternative(number),
-        profile_figure(archive, number, known),
+        motion_figure(archive, number, known),
     )
 
 

@@ -60,7 +60,7 @@ _BAND, _ADJOINT_BAND = 0.3, 0.15
 """Opacity of the bands of one standard deviation on either side (68 %), the smoother's and the adjoint's."""
 
 
-def profile_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> Figure:
+def motion_figure(archive: Archive, number: int, truth: xr.Dataset | None) -> Figure:
     """Draw one profile on an A4 page: attitude and depth, measured and reconstructed, and the six disturbances.
 
     Parameters

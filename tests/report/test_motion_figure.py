@@ -31,7 +31,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.truth import read_profile_truth, truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.accuracy import accuracy_table, tracking_rmse
-from gliderhpc.report.profile_figure import axis_limits, outside_axis, profile_figure
+from gliderhpc.report.motion_figure import axis_limits, motion_figure, outside_axis
 from gliderhpc.simulator import read_scenario, simulate_mission
 
 PNG = b"\x89PNG"
@@ -45,7 +45,7 @@ def serially():
 
 def drawn(tmp_path, content, truth=None):
     with open_mission(write_archive(tmp_path / "twin.zarr", content)) as archive:
-        return profile_figure(archive, content.number, truth)
+        return motion_figure(archive, content.number, truth)
 
 
 def panels(figure):
@@ -142,7 +142,7 @@ def test_the_smoother_is_drawn_with_its_band(tmp_path):
     put_table_rows(path, {1: {"dac_north_smoothed": 0.1, "dac_north_smoothed_std": 0.003, "dac_east_smoothed": -0.2,
                                 "dac_east_smoothed_std": 0.004}})  # fmt: skip
     with open_mission(path) as archive:
-        without, figure = (profile_figure(archive, number, None) for number in (1, 2))
+        without, figure = (motion_figure(archive, number, None) for number in (1, 2))
     assert not any(curve.get_label() == "smoother" for axes in without.axes for curve in axes.lines)
     assert "smoother" not in words(without)
     assert not any(axes.collections for axes in without.axes)
@@ -168,7 +168,7 @@ def test_the_axes_contain_wide_bands(tmp_path):
     put_profile(path, 0, "state", {"time": clock, **dict.fromkeys(TRACKED, 0.0 * clock), **deviation})
     put_profile(path, 0, "smoothed", {"time": clock, **dict.fromkeys(TRACKED, 0.0 * clock), **values, **deviation})
     with open_mission(path) as archive:
-        figure = profile_figure(archive, 1, None)
+        figure = motion_figure(archive, 1, None)
     for name, axes in panels(figure).items():
         if name in CHANNELS:
             low, high = axes.get_ylim()
@@ -237,7 +237,7 @@ def test_residuals_are_those_of_the_table(tmp_path):
     content.measured += np.random.default_rng(1).normal(scale=0.3, size=content.measured.shape)
     path = write_archive(tmp_path / "twin.zarr", content)
     with open_mission(path) as archive:
-        axes, expected = panels(profile_figure(archive, 1, None)), tracking_rmse(read_profile_data(archive, 1))
+        axes, expected = panels(motion_figure(archive, 1, None)), tracking_rmse(read_profile_data(archive, 1))
     for name, value in zip(TRACKED, expected, strict=True):
         assert f"{value:.3f}" in notes(axes[name])
 
@@ -293,7 +293,7 @@ def test_only_finished_profiles_are_drawn(tmp_path):
     contents += [Content(3, table={"status": "pending"}), Content(12)]
     path = write_archive(tmp_path / "twin.zarr", *contents)
     with open_mission(path) as archive, pytest.raises(InputError, match=r"profile 2 is failed.*all pitch is missing"):
-        profile_figure(archive, 2, None)
+        motion_figure(archive, 2, None)
 
 
 @pytest.mark.compiled
@@ -304,7 +304,7 @@ def test_a_simulated_profile_from_record_to_page(tmp_path):
     with open_observations(records) as observations:
         run_mission(prepare_mission(observations, platform, MissionSettings()), store, serially)
     with open_mission(store) as archive:
-        profile_figure(archive, 1, read_profile_truth(truth_path(records), 1)).savefig(tmp_path / "page.png")
+        motion_figure(archive, 1, read_profile_truth(truth_path(records), 1)).savefig(tmp_path / "page.png")
         assert (tmp_path / "page.png").read_bytes().startswith(PNG)
         rows = {row.quantity: row for row in accuracy_table(archive, truth_path(records))}
     assert rows["B_cr"].adjoint.correlation > 0.95
