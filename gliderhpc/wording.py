@@ -34,12 +34,12 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def most_frequent_reason(reasons: Iterable[str]) -> str:
-    """Return the most frequent of several reasons as it is listed first, with its count if there are several.
+    """Return the most frequent of several reasons, as first listed, with its count if there is more than one reason.
 
     Parameters
     ----------
     reasons : iterable of str
-        At least one reason, such as those why profiles cannot be used; those that differ in numbers alone are the same.
+        At least one reason, such as those why profiles cannot be used; reasons that differ only in numbers count as the same.
 
     Returns
     -------

@@ -56,7 +56,7 @@ class Executor(ABC):
     workers: int
 
     def threads(self, jobs: int) -> int:
-        """Return the number of threads that each of so many concurrent jobs may use without sharing a core."""
+        """Return the number of threads that each of ``jobs`` concurrent jobs may use without sharing a core."""
         return 1
 
     @abstractmethod

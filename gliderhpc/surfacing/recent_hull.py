@@ -187,7 +187,7 @@ def size_text(p: HullParameter, first: float, total: float, std: float) -> str:
     return f"{with_deviation(total, std)} {p.unit}"
 
 
-MUST_BE_CONFIRMED = "only the last dive shows it, which is often an effect of the water, and the next must confirm it"
+MUST_BE_CONFIRMED = "only the last dive shows it, which is often an effect of the water; the next must confirm it"
 """Remark on a change that begins with the last dive."""
 
 

@@ -97,9 +97,9 @@ def few_profiles_factor(errors: SegmentErrors) -> float:
 HELD_REASONS = {
     CalibrationVerdict.UNSTABLE: "the hull has no stable steady dive and climb",
     CalibrationVerdict.TOO_STEEP: "the hull cannot glide as flat as the glider did",
-    CalibrationVerdict.GLIDE_MISSED: "the depth rate or the pitch is missed",
+    CalibrationVerdict.GLIDE_MISSED: "the fit does not reproduce the depth rate or the pitch",
     CalibrationVerdict.IMPLAUSIBLE_TURNS: "one of them is far from the platform's value",
-    CalibrationVerdict.CONFOUNDED: "a parameter is less well known than the platform states it",
+    CalibrationVerdict.CONFOUNDED: "a parameter is known less well than the platform file states",
 }
 """Reasons for a second fit, with the lateral terms held."""
 

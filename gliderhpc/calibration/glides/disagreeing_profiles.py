@@ -1,7 +1,7 @@
-"""Profiles whose steady glides do not fit the hull that fits those of the other profiles.
+"""Profiles whose steady glides disagree with the hull that fits those of the other profiles.
 
-A storm, a vehicle held by a line or a faulty record makes every segment of a profile wrong. The robust loss reduces the
-weight of single segments only, and the parameters of one hull for all profiles then follow the wrong ones.
+A storm, a vehicle held by a line or a faulty record affects every segment of a profile. The robust loss reduces the
+weight of single segments only, so that such a profile would distort the hull that is fitted to all of them.
 """
 
 from dataclasses import dataclass

@@ -73,7 +73,7 @@ class CalibrationVerdict(Enum):
     TOO_STEEP = "held: if the lateral terms are free, the hull found cannot glide as flat as the glider did"
     GLIDE_MISSED = "held: if the lateral terms are free, the fit misses the depth rate or the pitch"
     IMPLAUSIBLE_TURNS = "held: if the lateral terms are free, one of them is far from the platform's value"
-    CONFOUNDED = "held: if it is free, the glides determine others less well than the platform states them"
+    CONFOUNDED = "held: if it is free, other parameters are known less well than the platform file states"
 
 
 @dataclass(frozen=True)
@@ -245,12 +245,12 @@ class CalibrationSearch:
     def _is_refuted(self, index: int, confounded_with: Sequence[int]) -> bool:
         """Fit with the prior, and return whether the glides refute the platform's value of a free parameter.
 
-        They refute it if the cost of a fit, prior included, rises by `REFUTING_RISE` with that value, or the cost of
-        one kind of errors by `REFUTING_RISE_OF_KIND`, or if one does so where the parameters that the glides do not
-        separate from it have the platform's values: otherwise these would compensate for it, far from their own. The
-        errors' slopes at the most probable value do not decide: it can be
-        many standard errors away although the cost hardly depends on it. A value near the platform's does not refute
-        it. The steps afterwards are the most probable ones, or those with the platform's value.
+        They refute it if that value increases the cost of the fit, prior included, by `REFUTING_RISE`, or the cost of
+        one kind of errors by `REFUTING_RISE_OF_KIND`. The value is tried with the other parameters free, and with those
+        that the glides do not separate from it at the platform's values: left free, these could compensate for it by
+        implausible values. Standard errors are no criterion, because the most probable value can be many of them away
+        although the cost hardly depends on it. A most probable value near the platform's does not refute it. The steps
+        afterwards are the most probable ones, or those with the platform's value.
         """
         self._fit(prior=1.0)
         if abs(self.steps[index]) < _NEAR:
@@ -276,8 +276,8 @@ class CalibrationSearch:
     def _costs_at_platform(self, indices: Sequence[int]) -> Array:
         """Hold some parameters at the platform's values, fit the others with the prior, and return the costs.
 
-        They go to these values in several fits: on the direct way, others were caught in false minima. The costs are
-        those of each kind of errors, and last the one that the fit minimises.
+        They approach these values in several fits, because in a single one the others can end in a false minimum. The
+        costs are those of each kind of errors, followed by the one that the fit minimises.
         """
         start = self.steps[indices]
         self.free[indices] = False

@@ -52,8 +52,7 @@ _HELD = {
     CalibrationVerdict.IMPLAUSIBLE: "the best fit lies outside the plausible range, so held at the bound of that range",
     CalibrationVerdict.UNSTABLE: "left unchanged, because the hull has no stable glide when they are fitted",
     CalibrationVerdict.CONFOUNDED: (
-        "left unchanged, because the glides determine others less well than the platform states them when they are "
-        "fitted"
+        "left unchanged, because with these fitted other parameters are known less well than the platform file states"
     ),
 }
 

@@ -27,7 +27,7 @@ _LAYOUT = {
     "numbers of a body": len(Body._fields), "numbers of a step on the tape": TAPE, "entries of a Jacobian": ENTRIES,
 }  # fmt: skip
 _VECTORS = {8: "avx512f", 4: "avx2"}
-"""Feature of the processor that vectors of so many doubles need, where they may be missing."""
+"""Feature of the processor required for vectors of 8 or 4 doubles, if not every processor has it."""
 
 _COUNT, _NUMBER = ctypes.c_int64, ctypes.c_double
 _ARRAY = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")

@@ -12,8 +12,9 @@ PAIRS = 5
 """Number of neighbours on either side from which a depth is predicted."""
 
 FLOOR, SPEED, SCATTER = 5.0, 0.5, 10.0
-"""Minimum deviation of an impossible depth: so many metres, plus this vertical speed (m/s) over the time to the third
-neighbour, plus so many times the scatter of the record. Gliders sink and rise at 0.3 m/s at most, in a turn too."""
+"""Minimum deviation of an impossible depth: the sum of a constant (m), of a vertical speed (m/s) times the time to the
+third neighbour, and of a factor times the scatter of the record. Gliders sink and rise at 0.3 m/s at most, also while
+they turn."""
 
 _PASSES = 30
 """Maximum number of passes; each finds the worst sample of every run of impossible depths."""

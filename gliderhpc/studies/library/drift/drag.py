@@ -46,12 +46,12 @@ CAUSES = {
     "drag": "the drag grows on dive and climb alike: compatible with fouling (growth, or a rougher hull)",
     "less drag": "the drag falls on dive and climb alike: compatible with growth that comes off, or another trim",
     "drag and more": (
-        "the drag common to dive and climb grows, compatible with fouling; in addition they drift apart, and a drag "
-        "that grows unevenly, a slow change of buoyancy and one of the pitch sensor's offset are not distinguishable"
+        "the drag common to dive and climb grows, compatible with fouling; dive and climb also drift apart: uneven "
+        "growth of the drag, a slow change of buoyancy and one of the pitch sensor's offset cannot be distinguished"
     ),
     "less drag and more": (
-        "the drag common to dive and climb falls; in addition they drift apart, and an uneven drag, a slow change of "
-        "buoyancy and one of the pitch sensor's offset are not distinguishable"
+        "the drag common to dive and climb falls; dive and climb also drift apart: an uneven drag, a slow change of "
+        "buoyancy and one of the pitch sensor's offset cannot be distinguished"
     ),
     "weight": (
         "no change of drag common to dive and climb: they drift apart, compatible with a slow change of buoyancy or "
@@ -62,7 +62,7 @@ CAUSES = {
 
 OTHER_CAUSES = (
     "these records do not prove a cause: apart from fouling, a changed payload or trim, water in a fairing, air in "
-    "the oil circuit, a drifting pressure or attitude sensor and a change of the water met are possible"
+    "the oil circuit, a drifting pressure or attitude sensor and a change of the water encountered are possible"
 )
 
 
