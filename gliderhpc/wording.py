@@ -39,7 +39,7 @@ def most_frequent_reason(reasons: Iterable[str]) -> str:
     Parameters
     ----------
     reasons : iterable of str
-        At least one reason, such as those why profiles cannot be used; reasons that differ only in numbers count as the same.
+        At least one reason, such as those why profiles cannot be used. Those that differ only in numbers are the same.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Values that were not measured but filled in: repeated from the last measurement, or interpolated between two.
 
 Tools that convert a glider's sensors to common times do one or the other. Treated as measurements, such values are far
-too smooth, and their errors last as long as the true sample interval: on twins interpolated from 4 s to 1 s, the speed
-was wrong by five times its stated deviation.
+too smooth, and their errors last as long as the true sample interval: on twins interpolated from 4 s to 1 s, the error
+of the speed would be five times its stated deviation.
 """
 
 from dataclasses import replace

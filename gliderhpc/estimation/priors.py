@@ -37,11 +37,12 @@ more; with less than the second none glides, and the record of the ballast does 
 
 
 def for_weight(prior: DisturbancePrior, weight: float) -> DisturbancePrior:
-    """Return a usual prior with the forces reduced for a glider that is driven by little weight in water, N.
+    """Return a usual prior with the forces reduced for a glider with a small net weight in water, N.
 
-    Errors of drag and lift, and forces of shear, are parts of the forces of the flow, whose sum is the weight in water.
-    With forces of the usual size, the speed of a glider driven by 0.5 N seemed twice the true one on twins. The prior
-    is returned unchanged if the record does not show the drive, as without a record of the ballast.
+    Errors of drag and lift, and forces due to shear, are fractions of the hydrodynamic forces, which together balance
+    the net weight. With forces of the usual size, the speed of a glider with a net weight of 0.5 N would appear twice
+    as large as it is. The prior is returned unchanged if the net weight is not known, as without a record of the
+    ballast.
     """
     factor = min(1.0, weight / USUAL_WEIGHT) if weight >= _LEAST_WEIGHT else 1.0
     forces = [factor * deviation for deviation in prior.deviation[:3]]
@@ -94,12 +95,12 @@ def smoother_prior(
 ) -> DisturbancePrior:
     """Disturbance prior of the smoother, given that of the filter, and interval and weight as for `candidate_priors`.
 
-    It is the filter's except for slow records of a hull without a prior of its own. There the hull's buoyancy, lift and
-    pitching moment are wrong by amounts that change with depth. With a correlation time of an hour the smoother would
+    It is the filter's except for slow records of a hull without a prior of its own. There the errors of the hull's
+    buoyancy, lift and pitching moment change with depth. With a correlation time of an hour the smoother would
     attribute such changes to the speed. The prior therefore lets these channels change within minutes. The yawing
     moment is free: the rate of turn determines the speed only as well as the turning coefficients are known, and glides
-    hardly determine these. With a tight prior of the yawing moment, the speed of a calibrated Seaglider was a quarter
-    too slow.
+    hardly determine these. A tight prior of the yawing moment would reduce the speed of a calibrated Seaglider by a
+    quarter.
     """
     return for_weight(SLOW_RECORD, weight) if is_slow_and_untuned(platform, interval) else prior
 

@@ -32,9 +32,9 @@ _MIN_PITCH = np.radians(8.0)
 def check_sensors(record: ProfileRecord) -> None:
     """Refuse a record whose heading or depth stays the same to the last digit while the glider moves.
 
-    Values of a steady glide that are only rounded are accepted. With a heading that did not change, the current of
-    twins was wrong by 0.1 to 0.16 m/s, and with a depth that did not, the speed by 0.37 m/s, at stated deviations of
-    0.02 to 0.06.
+    Values of a steady glide that are only rounded are accepted. A heading that does not change would cause errors of
+    the current of 0.1 to 0.16 m/s on twins, and a depth that does not, errors of the speed of 0.37 m/s, with stated
+    deviations of 0.02 to 0.06 m/s.
 
     Raises
     ------

@@ -113,7 +113,7 @@ class SteadySegments:
         return SteadySegments(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
     def shared_with(self, other: "SteadySegments", seconds: float) -> "SteadySegments":
-        """Return the segments whose middle is within `seconds` of that of a segment of the other, in the same profile."""
+        """Return the segments whose middle is within `seconds` of that of one of the other's, in the same profile."""
         shared = np.zeros(len(self), dtype=bool)
         for number in np.intersect1d(self.profile, other.profile).tolist():
             rows, other_times = self.profile == number, np.sort(other.time[other.profile == number])

@@ -1,8 +1,9 @@
 """Scatter of one error of the hull from dive to dive, which a change must exceed.
 
-The stated covariances of the dives do not include all that acts like an error of the hull: packets of internal waves,
-for example, look like another lift in the dives that cross them. A few such dives at one end of a mission would pass
-for a change. The error may therefore also differ from dive to dive at random, by an unknown standard deviation.
+The stated covariances of the dives do not include everything that has the same effect as an error of the hull: packets
+of internal waves, for example, appear as a different lift in the dives that cross them. A few such dives at one end of
+a mission would pass for a change. The error may therefore also differ from dive to dive at random, by an unknown
+standard deviation.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Probability that anything of the hull has changed, and the most probable combination of changes.
+"""Probability that any parameter of the hull has changed, and the most probable combination of changes.
 
 Two changes that begin together, such as fouling and a leak, can each be uncertain while the dives leave no doubt that
 something has changed: their effects resemble one another. Every combination of the suspected errors is therefore
@@ -109,14 +109,14 @@ def find_hull_changes(
 
     Notes
     -----
-    A priori each error is one of those that change with a probability of one quarter, given that any changes. The
-    evidence of a combination is that of the sizes of all its errors, averaged over onsets and forms; one with a
-    companion is averaged with and without it. A random walk of the suspects is left out.
+    Given that anything changes, each error changes with a prior probability of one quarter. The evidence of a
+    combination is that of the sizes of all its errors, averaged over onsets and forms; one with a companion is averaged
+    with and without it. A random walk of the suspects is left out.
 
     If the probability is high enough to be reported and no single error is probable, it is computed again with errors
     that also scatter from dive to dive (`change_scatter`), by the scatter that each of them shows alone, times unknown
-    factors. Something has changed at least as probably as each of the errors, of which a single one has fewer
-    alternatives than the combinations have.
+    factors. The probability that something has changed is at least that of each single error, which has fewer
+    alternatives than the combinations.
     """
     if len(profiles) < MIN_PROFILES or not suspects:
         return dict.fromkeys(suspects), None

@@ -22,8 +22,8 @@ Mask = npt.NDArray[np.bool_]
 MIN_STATIONARY = 300.0
 """Minimum duration of a stationary stretch, s; the turn of a dive with a slow pump takes less."""
 MAX_RANGE, WINDOW = 2.0, 120.0
-"""Largest range of depths (m) in a window (s) of a stationary stretch; in this time the flattest glides cover three times
-as much."""
+"""Largest range of depths (m) in a window (s) of a stationary stretch; the flattest glides cover three times as
+much in that time."""
 MIN_DEPTH = 5.0
 """Depth below which a glider may be stationary, m; at smaller depths it floats."""
 _BIN, _BRIDGED = 30.0, 90.0

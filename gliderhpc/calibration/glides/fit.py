@@ -394,9 +394,10 @@ def fit_trim(
 ) -> Platform:
     """Fit the buoyancy, the drag and the trim in pitch to the steady glides, with plausible deviations as a prior.
 
-    The result is the start of the rounds over the profiles. With these few numbers near the truth, the filter can follow
-    the records. The other numbers, mainly lift and lateral terms, are left unchanged: in steady flight they have the same
-    effect as an offset of the pitch or the roll, and a fit without these offsets would take them far from the truth.
+    The result is the start of the rounds over the profiles. With these few numbers near the truth, the filter can
+    follow the records. The other numbers, mainly lift and lateral terms, are left unchanged: in steady flight they have
+    the same effect as an offset of the pitch or the roll, and a fit without these offsets would take them far from the
+    truth.
 
     Parameters
     ----------

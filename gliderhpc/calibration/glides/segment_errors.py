@@ -234,8 +234,8 @@ def fits_density(platform: Platform, segments: SteadySegments) -> bool:
 def steady_parameters(platform: Platform, segments: SteadySegments) -> tuple[HullParameter, ...]:
     """Parameters that steady glides may determine, for buoyancy by density or by depth slope.
 
-    They include the offset of the roll, which turns reveal; without it, the fit would change the lateral terms instead. A
-    hull steered by a rudder is an exception, because an offset of the rudder would have the same effect.
+    They include the offset of the roll, which turns reveal; without it, the fit would change the lateral terms instead.
+    A hull steered by a rudder is an exception, because an offset of the rudder would have the same effect.
     """
     steady = PARAMETERS_BY_DENSITY if fits_density(platform, segments) else PARAMETERS
     return steady if segments.actuators[:, 3].any() else (*steady, ROLL_OFFSET)
@@ -280,8 +280,8 @@ def choose_buoyancy(
 
     Notes
     -----
-    Without a compressibility, the neutral volume of a platform applies to the water in which it flew. In fresh or brackish
-    water the density of the platform file is therefore replaced by the observed one, at the surface.
+    Without a compressibility, the neutral volume of a platform applies to the water in which it flew. In fresh or
+    brackish water the density of the platform file is therefore replaced by the observed one, at the surface.
 
     Raises
     ------

@@ -104,11 +104,11 @@ def pose_problem(
     Notes
     -----
     Gusts from the side change the side force and the moments together, within seconds. With the usual prior, in which
-    they are slow and independent, the roll caused by gusts appears to determine speed and lift: on twins in gusts, with
-    the true hull, the speed was wrong by 0.023 m/s. In gusts the side force therefore follows them, and the roll has a
-    larger variance; the error is then 0.004 m/s. The noise of the side force is not scaled to the profile, since the
-    record hardly resolves it. Nor is that of the yaw moment if yaw moments also act in bursts: the scale would follow
-    from the quiet stretches, and the bursts would then seem to determine the speed, which was wrong by 0.02 m/s.
+    these are slow and independent, the roll caused by gusts would appear to determine speed and lift: on twins in gusts
+    with the true hull, the error of the speed would be 0.023 m/s. In gusts the side force therefore follows them, and
+    the roll has a larger variance; the error is then 0.004 m/s. The noise of the side force is not scaled to the
+    profile, since the record hardly resolves it. Nor is that of the yaw moment if yaw moments also act in bursts: the
+    scale would reflect the quiet stretches, and the bursts would then bias the speed.
     """
     series, platform = profile.series, profile.glider.platform
     prior = smoother_prior(platform, filtered.prior, series.attitude_interval, profile.driving_weight)

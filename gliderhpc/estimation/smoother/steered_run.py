@@ -4,7 +4,7 @@ The score of the hull's errors is unbiased if the innovations and their derivati
 filter is not optimal if the disturbances are not distributed as it assumes: in calm water it follows the noise of its
 sensors, in gusts it lags behind, and slow forces leave innovations of one sign for minutes. Its innovations then depend
 on past noise, and so does the path at which the derivatives are taken; the product of the two biases the hull. A surge
-force that varies over ten to forty minutes, for example, reduced the estimated drag by a fifth.
+force that varies over ten to forty minutes, for example, would reduce the estimated drag by a fifth.
 
 The run has the mean surge force, heave force and pitch moment of each dive and climb, and is otherwise steered slowly
 along the smoothed path. It follows the glider, but hardly any noise or gusts. Its derivatives come mainly from the
