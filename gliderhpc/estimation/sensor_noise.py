@@ -49,8 +49,8 @@ def sample_variance(platform: Platform, series: ProfileSeries) -> Array:
 
     It is that of the platform's sensors (`stated_variance`), or the record's own (`noise_of_record`,
     `rounding_of_record`) where its deviation is more than 1.5 times as large. With too small a variance, the noise
-    appears as motion: on twins with 0.1 degree of noise on a compass that resolves 0.1 degree, the speed was wrong by
-    0.02 m/s, and with 0.2 degree the filter refused the record.
+    appears as motion: on twins with 0.1 degree of noise on a compass that resolves 0.1 degree, the error of the speed
+    would be 0.02 m/s, and with 0.2 degree the filter would refuse the record.
     """
     stated = stated_variance(platform)
     observed = np.maximum(noise_of_record(platform, series), rounding_of_record(series))

@@ -51,7 +51,7 @@ def hull_forcing(
         The ``p`` parameters (`hull_parameters`).
     attitude_and_depth : (n+1, 4)
         Roll, pitch, heading (rad) and depth (m) at which the samples' derivatives are taken. Measured values would
-        contain the samples' own errors: with them the scale of the pitch seemed wrong by ten of its deviations.
+        contain the samples' own errors, which would bias the scale of the pitch by ten of its deviations.
     """
     platform = profile.glider.platform
     constant, parameter, slope = _constants(platform, parameters)

@@ -230,7 +230,7 @@ def hull_information(
 
     Roll and heading of a slow record are left out. Gusts and impulses roll and turn a glider within seconds; such a
     record does not resolve this motion, and the smoother's slow moments do not describe it. On twins of true hulls the
-    damping in roll seemed wrong by ten of its deviations, and drag and pitch offset with it.
+    damping in roll would be in error by ten of its deviations, and drag and pitch offset with it.
     """
     platform, problem = profile.glider.platform, last.problem
     parameters = hull_parameters(platform)
