@@ -101,6 +101,10 @@ def main(profiles: int) -> None:
     lines = [
         "# Accuracy on a synthetic mission",
         "",
+        "How accurate are disturbances, motion and currents if the hull is known exactly? This page compares the estimates of a",
+        "simulated mission with its truth, for both presets. It gives the smallest errors to expect, since on a",
+        "real glider those of the hull are added.",
+        "",
         f"Made by `python -m benchmarks.accuracy {profiles}`: {profiles} dives of {PLATFORM} to 200 m (about 42 minutes),",
         f"seed {SEED}, 1 Hz, attitude quantised to 0.1 degree, depth noise 0.03 m. Truth: slow longitudinal disturbances,",
         "yaw impulses of 0.6 to 3 N m and 1.2 to 2.5 s (standard deviation of a Gaussian pulse), one in 90 s on average.",

@@ -128,6 +128,9 @@ def page(profiles: int) -> list[str]:
     lines = [
         "# Two engines, one problem",
         "",
+        "Does the choice of the engine change the results? This page compares the fast engine with the reference engine, and their",
+        "difference with the effect of rounding.",
+        "",
         f"Made by `python -m benchmarks.agreement {profiles}`: {profiles} dives of {PLATFORM} to 200 m, the simulator's default",
         f"scenario, seed {SEED}. The `lanes` engine (batched L-BFGS, the default) compared with the reference engine (`scipy`, L-BFGS-B).",
         "Values are RMSE, medians over profiles and steady glide as in [accuracy.md](accuracy.md): disturbances and current",

@@ -234,6 +234,9 @@ def page(rows: Sequence[Row]) -> str:
     errors = CurrentSettings().errors(CALIBRATED)
     return "\n".join([
         "# Ellipses of the current, on twins with calibrated hulls", "",
+        "If you use `current.budget=published` with a calibrated hull, this page shows how often the resulting ellipses contain the",
+        "true current, and where their constants come from.",
+        "",
         "Made by `python -m benchmarks.current_ellipses`. Hulls drawn about `" + PLATFORM + "`, every parameter uniformly",
         "within one plausible deviation, are calibrated on nine dives of their own (three held out) as",
         f"[calibration.md](calibration.md) does, and {DIVES} further dives each to {DEPTH:g} m are inverted with the",

@@ -93,6 +93,8 @@ def page(columns: Mapping[str, Rows], dives: int) -> list[str]:
     return [
         "# Currents compared with an operator's own",
         "",
+        "How well do the currents of `run-mission` agree with those that a glider's operator computes in the established way?",
+        "",
         f"Seaglider SG249 off Washington, {dives} dives; made by `python -m benchmarks.operator_currents DATA_FOLDER` with",
         "`analyze currents --reference` on the imported file. The operator's current is the basestation's, from its flight model",
         "and the same fixes, so both contain the errors of the fixes; distances are in sigma of our ellipse and the operator's",

@@ -350,6 +350,9 @@ def page(missions: Mapping[str, Inverted], currents: Mapping[str, np.ndarray]) -
 PREAMBLE = [
     "# Real missions",
     "",
+    "What do the estimates of real gliders look like, before and after calibration, and do they agree with what vehicle and",
+    "operator report? This page gives import, inversion and comparison for six missions:",
+    "",
     "SeaExplorer SEA035 off British Columbia, Slocum modena in the Gulf of Mexico, Seaglider SG249 off Washington, SG561 in",
     "the Lofoten Basin, SG033 off Puerto Rico; default settings. Of the complete profiles one in "
     + ", ".join(f"{mission.every} ({name})" for name, mission in MISSIONS.items())

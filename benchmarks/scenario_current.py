@@ -47,6 +47,9 @@ def main(scenario: str, profiles: int) -> None:
     lines = [
         "# Depth-averaged current in sheared water",
         "",
+        "How does the disturbance prior affect the depth-averaged current in strong shear and gusts? The page compares the shipped",
+        "priors, of which the second is tried in gusts, with one for gusts alone.",
+        "",
         f"Made by `python -m benchmarks.scenario_current {scenario} {profiles}`: {PLATFORM}, seed {SEED}, the first {profiles} profiles of",
         f"scenario `{scenario}`. The values are the length of the difference from the true mean current over the dive, m/s.",
         "",
