@@ -25,7 +25,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.flight.glider import Glider
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.executors import Executor, one_line, spare_threads, was_killed
-from gliderhpc.mission.inputs import common_digests, earliest_start, input_digests
+from gliderhpc.mission.input_digests import common_digests, earliest_start, input_digests
 from gliderhpc.mission.lock import check_held
 from gliderhpc.mission.profile_rows import Row, derive_and_write, failed_row, recompute_currents
 from gliderhpc.mission.settings import MissionSettings

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gliderhpc.errors import InputError
-from gliderhpc.mission.inputs import FIXES, differs_in_fixes_only
+from gliderhpc.mission.input_digests import FIXES, differs_in_fixes_only
 from gliderhpc.mission.jobs import RunInputs
 from gliderhpc.mission.planning import MissionPlan
 from gliderhpc.mission.profile_rows import Row

@@ -20,7 +20,7 @@ from gliderhpc.estimation.quality import SEGMENT, first_stretch
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, model_motion
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.inputs import is_made_from
+from gliderhpc.mission.input_digests import is_made_from
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import ProfileRecord, Survey, open_observations
 from gliderhpc.observations.truth import most_impulses, read_profile_truth

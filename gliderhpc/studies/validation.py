@@ -23,7 +23,7 @@ from gliderhpc.estimation.preparation import check_seawater, controls_of, vibrat
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.self_motion import SelfMotion, flight_guesses, glide_angle_motion, smoothed_slope
 from gliderhpc.flight.glider import Glider
-from gliderhpc.mission.inputs import is_made_from
+from gliderhpc.mission.input_digests import is_made_from
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, ProfileRecord, ProfileSeries, Survey, open_observations
 from gliderhpc.platform import Platform

@@ -13,7 +13,7 @@ from support.missions import program
 
 from gliderhpc.api.currents import currents
 from gliderhpc.archive.mission import open_mission
-from gliderhpc.report.exports.og1_community import DIRECTIONS, RECKONINGS
+from gliderhpc.report.exports.og1_forms import DIRECTIONS, RECKONINGS
 from gliderhpc.report.exports.og1_vocabulary import PHASES, SINGLE
 from gliderhpc.yaml_text import parse_yaml
 
