@@ -187,7 +187,7 @@ class _Cycle:
     elapsed : float
         Time from the first fix after the dive to the next surfacing, s.
     displacement, covariance : (2,), (2, 2) arrays
-        Way over ground, north and east, and its covariance, m and m2.
+        Displacement over ground, north and east, and its covariance, m and m2.
     drift, drift_covariance : (2,), (2, 2) arrays
         The water's part of this displacement, and its covariance.
     """
