@@ -20,7 +20,7 @@ LOG_PRIOR = np.log(np.array([_STATED_SUFFICES, *[(1.0 - _STATED_SUFFICES) / (len
 """Log of the prior probabilities of `LEVELS`; those above zero are equally probable."""
 
 
-def widened(term: Information, deviation: Array) -> Information:
+def with_scatter(term: Information, deviation: Array) -> Information:
     """Return a dive's information on the unknowns if they differ from those of the mission at random.
 
     Parameters
@@ -48,7 +48,9 @@ def widened(term: Information, deviation: Array) -> Information:
     return Information(term.vector - columns @ solved[:, -1], 0.5 * (matrix + matrix.T), constant)
 
 
-def averaged(log_weight: Array, log_ratio: Array, size: Array, variance: Array) -> tuple[Array, Array, Array]:
+def averaged_over_levels(
+    log_weight: Array, log_ratio: Array, size: Array, variance: Array
+) -> tuple[Array, Array, Array]:
     """Average the evidence of candidates, and their sizes, over levels of the scatter.
 
     Parameters

@@ -16,7 +16,14 @@ import scipy
 from numpy.typing import NDArray
 
 from gliderhpc.distributions import gamma_tail
-from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information, Transition, about, apply
+from gliderhpc.mission_hull.gaussian_chain import (
+    Array,
+    Gaussian,
+    Information,
+    Transition,
+    information_about,
+    times_vector,
+)
 from gliderhpc.mission_hull.turn_test import (
     ProfileCurrent,
     TurnTestSettings,
@@ -72,7 +79,7 @@ class ProfileTerm:
     @property
     def term(self) -> Information:
         """Log-likelihood of eta, up to a constant."""
-        return about(self.score, self.information, self.point)
+        return information_about(self.score, self.information, self.point)
 
     def under_assumption(self, other: int) -> "ProfileTerm":
         """Return the profile under one of the other assumptions of the noise."""
@@ -289,14 +296,14 @@ def widen_by_disagreement(before: Gaussian, after: Gaussian, moved: Array) -> Ga
     """
     precision, inverse = (np.asarray(np.linalg.inv(each.covariance)) for each in (after, before))
     matrix = precision - inverse
-    vector = apply(precision, after.mean) - apply(inverse, before.mean)
+    vector = times_vector(precision, after.mean) - times_vector(inverse, before.mean)
     U = precision @ moved.mT
     # Where the profiles have no information, L is singular; a small part of the prior's information makes it regular.
     solved = np.asarray(np.linalg.solve(matrix + _UNINFORMED * inverse, U))
     right = np.concatenate([U.mT, solved.mT @ vector[..., None]], axis=-1)
     gain = np.asarray(np.linalg.solve(np.eye(moved.shape[-2]) + U.mT @ solved, right))
-    reduced, vector = matrix - U @ gain[..., :-1], vector - apply(U, gain[..., -1])
-    mean = np.linalg.solve(inverse + reduced, (vector + apply(inverse, before.mean))[..., None])
+    reduced, vector = matrix - U @ gain[..., :-1], vector - times_vector(U, gain[..., -1])
+    mean = np.linalg.solve(inverse + reduced, (vector + times_vector(inverse, before.mean))[..., None])
     return Gaussian(np.asarray(mean[..., 0]), after.covariance + moved.mT @ moved)
 
 
@@ -326,7 +333,7 @@ def prior_predictive_test(errors: Gaussian) -> tuple[float, float, float]:
     return size, expected, gamma_tail(size, expected**2 / variance, variance / expected)
 
 
-def changes_of(
+def transitions_between(
     profiles: Sequence[ProfileTerm], walk: Array, jumps: Mapping[int, Array] | None = None
 ) -> list[Transition]:
     """Changes of the errors between profiles, from their random walk ``(p,)`` per square root of a day and jumps."""
@@ -342,7 +349,7 @@ def _seconds_between(profiles: Sequence[ProfileTerm]) -> Array:
 
 
 def _pose_problem(profiles: Sequence[ProfileTerm], prior: HullPrior, turn_test: TurnTestSettings | None) -> SumProblem:
-    changes = changes_of(profiles, prior.walk, prior.jumps)
+    changes = transitions_between(profiles, prior.walk, prior.jumps)
     currents = sum(profile.current is not None for profile in profiles)
     if turn_test is None or not turn_test.use or currents < _MIN_CURRENTS:
         return SumProblem(prior.eta, changes, [profile.term for profile in profiles])

@@ -58,7 +58,7 @@ class Information:
         )
 
 
-def about(score: Array, information: Array, point: Array) -> Information:
+def information_about(score: Array, information: Array, point: Array) -> Information:
     """Information of a log-likelihood ``g'(x - x0) - (x - x0)'I(x - x0) / 2`` about a point ``x0``."""
     vector = score + information @ point
     return Information(vector, information, -float(score @ point) - 0.5 * float(point @ information @ point))
@@ -105,9 +105,9 @@ class Gaussian:
         # The general solver is faster: on small matrices the triangular one waits for its threads.
         posterior_root = np.linalg.solve(factor, root.mT)
         covariance = posterior_root.mT @ posterior_root
-        expected = apply(term.matrix, self.mean)
+        expected = times_vector(term.matrix, self.mean)
         innovation = term.vector - expected
-        change = apply(covariance, innovation)
+        change = times_vector(covariance, innovation)
         evidence = (
             term.constant
             + np.sum((term.vector - 0.5 * expected) * self.mean + 0.5 * innovation * change, axis=-1)
@@ -119,8 +119,8 @@ class Gaussian:
         """Return the distribution without one of its profiles: the inverse of `updated`."""
         covariance = np.linalg.solve(np.eye(self.mean.shape[-1]) - self.covariance @ term.matrix, self.covariance)
         covariance = 0.5 * (covariance + covariance.mT)
-        innovation = term.vector - apply(term.matrix, self.mean)
-        return Gaussian(self.mean - apply(covariance, innovation), covariance)
+        innovation = term.vector - times_vector(term.matrix, self.mean)
+        return Gaussian(self.mean - times_vector(covariance, innovation), covariance)
 
     def disagreement(
         self, term: Information, informed: InformedDirections | None = None
@@ -130,10 +130,10 @@ class Gaussian:
         The directions in which the profile is informed are computed unless they are given.
         """
         informed = informed or InformedDirections.of(term.matrix)
-        return informed.disagreement(term.vector - apply(term.matrix, self.mean), self.covariance)
+        return informed.disagreement(term.vector - times_vector(term.matrix, self.mean), self.covariance)
 
 
-def apply(matrix: Array, vector: Array) -> Array:
+def times_vector(matrix: Array, vector: Array) -> Array:
     """Return matrices times vectors."""
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
@@ -222,5 +222,5 @@ def _gain(filtered: Gaussian, predicted: Gaussian, change: Transition) -> Array:
 
 def _smooth(filtered: Gaussian, predicted: Gaussian, gain: Array, smoothed_next: Gaussian) -> Gaussian:
     covariance = filtered.covariance + gain @ (smoothed_next.covariance - predicted.covariance) @ gain.mT
-    mean = filtered.mean + apply(gain, smoothed_next.mean - predicted.mean)
+    mean = filtered.mean + times_vector(gain, smoothed_next.mean - predicted.mean)
     return Gaussian(mean, 0.5 * (covariance + covariance.mT))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gliderhpc.mission_hull.change_scatter import averaged
+from gliderhpc.mission_hull.change_scatter import averaged_over_levels
 from gliderhpc.mission_hull.estimate import HullPrior, ProfileTerm
 from gliderhpc.mission_hull.gaussian_chain import Array
 from gliderhpc.mission_hull.single_changes import (
@@ -199,7 +199,7 @@ def _evidence_with_scatter(
         score, information, log_evidence = chain.joint_likelihood(members, scatter)
         by_factor.append(_evidence_of(score, information, combined, size))
         unchanged.append(log_evidence)
-    return _Evidence(*averaged(np.array(unchanged), *map(np.array, zip(*by_factor, strict=True))))
+    return _Evidence(*averaged_over_levels(np.array(unchanged), *map(np.array, zip(*by_factor, strict=True))))
 
 
 def _probability(found: Sequence[_Evidence]) -> float:

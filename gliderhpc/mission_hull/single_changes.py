@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gliderhpc.mission_hull.change_scatter import LEVELS, LOG_PRIOR, averaged, widened
-from gliderhpc.mission_hull.estimate import HullPrior, ProfileTerm, changes_of
+from gliderhpc.mission_hull.change_scatter import LEVELS, LOG_PRIOR, averaged_over_levels, with_scatter
+from gliderhpc.mission_hull.estimate import HullPrior, ProfileTerm, transitions_between
 from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information, Transition
 from gliderhpc.mission_hull.weighted_sum import SumProblem, WeightedSum
 
@@ -151,7 +151,7 @@ def _parts(assumptions: Sequence[Sequence[ProfileTerm]], prior: HullPrior) -> Ar
     terms = [Information.stacked([profile.term for profile in same]) for same in zip(*assumptions, strict=True)]
 
     def total(walk: Array) -> WeightedSum:
-        return WeightedSum.plain(SumProblem(prior.eta, changes_of(assumptions[0], walk), terms))
+        return WeightedSum.plain(SumProblem(prior.eta, transitions_between(assumptions[0], walk), terms))
 
     # A random walk that is too large would pass for profiles that agree, so that smaller scatter is judged without it.
     constant = total(np.zeros(len(prior.walk))).agreeing(_MIN_SCATTER)
@@ -185,7 +185,7 @@ class ChangeChain:
         log_weight = LOG_PRIOR + [each.log_evidence for each in likelihoods]
         by_level = [self._with_and_without(each) for each in likelihoods]
         return [
-            _Candidates(*averaged(log_weight, *map(np.array, zip(*each, strict=True))))
+            _Candidates(*averaged_over_levels(log_weight, *map(np.array, zip(*each, strict=True))))
             for each in zip(*by_level, strict=True)
         ]
 
@@ -217,7 +217,7 @@ class ChangeChain:
         """Information of the dives if some errors scatter from dive to dive, by the errors' standard deviations."""
         deviation = np.zeros(len(self._prior.mean))
         deviation[list(deviations)] = list(deviations.values())
-        return [widened(term, deviation) for term in self._terms]
+        return [with_scatter(term, deviation) for term in self._terms]
 
     def _likelihood(self, scatter: Mapping[int, float], parameter: int, companion: int | None) -> "SizeLikelihood":
         """Likelihood of the sizes of an error and of its companion, which keeps its random walk."""
@@ -235,7 +235,7 @@ class ChangeChain:
         """Changes between the profiles, without the random walk of some errors."""
         walk = self._walk.copy()
         walk[list(constant)] = 0.0
-        return [_with_constants(each, len(self._prior.mean)) for each in changes_of(self._profiles, walk)]
+        return [_with_constants(each, len(self._prior.mean)) for each in transitions_between(self._profiles, walk)]
 
     def accept(self, parameters: Sequence[int], shape: int) -> None:
         """Add the sizes of a change of these errors, with one course, to the unknowns."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.hull_dives import P, changes_alone, dive, information
 
-from gliderhpc.mission_hull.change_scatter import widened
+from gliderhpc.mission_hull.change_scatter import with_scatter
 from gliderhpc.mission_hull.estimate import HullPrior, solve_mission
 from gliderhpc.mission_hull.gaussian_chain import Gaussian, Information, Transition, solve_chain
 from gliderhpc.mission_hull.single_changes import PROBABLE, _candidates, _parts, size_likelihood
@@ -154,7 +154,7 @@ def test_information_with_scatter_is_the_integral_over_the_scatter():
     rng = np.random.default_rng(8)
     term = Information(rng.standard_normal(P), information(rng, rank=3, size=2.0), 0.4)
     deviation = np.array([0.0, 0.7, 0.0, 0.0, 0.0])
-    found = widened(term, deviation)
+    found = with_scatter(term, deviation)
     difference = np.linspace(-8.0, 8.0, 4001) * deviation[1]
     weight = np.exp(-0.5 * (difference / deviation[1]) ** 2) / deviation[1] / np.sqrt(2.0 * np.pi)
     for _ in range(3):
@@ -163,7 +163,7 @@ def test_information_with_scatter_is_the_integral_over_the_scatter():
         value = term.constant + at @ term.vector - 0.5 * np.einsum("ni,ij,nj->n", at, term.matrix, at)
         expected = np.log(np.trapezoid(np.exp(value) * weight, difference))
         assert found.constant + found.vector @ x - 0.5 * x @ found.matrix @ x == pytest.approx(expected, rel=1e-9)
-    assert widened(term, np.zeros(P)) is term
+    assert with_scatter(term, np.zeros(P)) is term
 
 
 def test_a_change_under_one_assumption_of_the_noise_is_not_certain():

@@ -14,7 +14,7 @@ from gliderhpc.mission_hull.estimate import (
     solve_mission,
     widen_by_disagreement,
 )
-from gliderhpc.mission_hull.gaussian_chain import Gaussian, Information, Transition, about, solve_chain
+from gliderhpc.mission_hull.gaussian_chain import Gaussian, Information, Transition, information_about, solve_chain
 from gliderhpc.mission_hull.turn_test import ProfileCurrent, TurnTestSettings
 
 
@@ -77,7 +77,7 @@ def test_updated_and_without_are_inverse():
 def test_about_a_point_is_the_same_likelihood():
     rng = np.random.default_rng(4)
     score, matrix, point, x = rng.standard_normal(P), information(rng), rng.standard_normal(P), rng.standard_normal(P)
-    term = about(score, matrix, point)
+    term = information_about(score, matrix, point)
     value = term.constant + term.vector @ x - 0.5 * x @ term.matrix @ x
     assert value == pytest.approx(score @ (x - point) - 0.5 * (x - point) @ matrix @ (x - point), rel=1e-9)
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from support.hull_dives import P, dive
 
 from gliderhpc.mission_hull import weighted_sum
-from gliderhpc.mission_hull.estimate import changes_of
+from gliderhpc.mission_hull.estimate import transitions_between
 from gliderhpc.mission_hull.gaussian_chain import Gaussian, Information
 from gliderhpc.mission_hull.weighted_sum import SumProblem, WeightedSum
 
@@ -17,7 +17,9 @@ def total(scatter, outlier=0.0):
     """Return a sum of eight dives whose truths differ by a scatter, and the last one's by more."""
     rng = np.random.default_rng(2)
     dives = [dive(rng, 0.4 + scatter * rng.standard_normal(P) + (number == 7) * outlier, number) for number in range(8)]
-    problem = SumProblem(Gaussian(np.zeros(P), np.eye(P)), changes_of(dives, np.zeros(P)), [d.term for d in dives])
+    problem = SumProblem(
+        Gaussian(np.zeros(P), np.eye(P)), transitions_between(dives, np.zeros(P)), [d.term for d in dives]
+    )
     return WeightedSum.plain(problem)
 
 
