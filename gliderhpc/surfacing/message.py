@@ -32,15 +32,15 @@ class Ellipse(_Part):
 class Current(_Part):
     """Depth-averaged current of the dive."""
 
-    north: float = _field("m s-1", "to the north")
-    east: float = _field("m s-1", "to the east")
+    north: float = _field("m s-1", "component to the north")
+    east: float = _field("m s-1", "component to the east")
     north_std: float = _field("m s-1", "standard deviation of north")
     east_std: float = _field("m s-1", "standard deviation of east")
     covariance: float = _field("m2 s-2", "covariance of north and east")
     speed: float = _field("m s-1", "speed")
     direction: float = _field("degree", "direction towards which it flows, clockwise from north")
     ellipse: Ellipse
-    estimate: str = _field("", "smoothed, or adjoint where the smoother has none")
+    estimate: str = _field("", "smoothed, or adjoint where the smoother has no current")
 
 
 class Water(_Part):
@@ -58,7 +58,7 @@ class Water(_Part):
 class Fix(_Part):
     """Time and position."""
 
-    time: str = _field("", "ISO 8601, UTC")
+    time: str = _field("", "time, ISO 8601, UTC")
     latitude: float = _field("degree_north", "latitude")
     longitude: float = _field("degree_east", "longitude")
 
@@ -67,7 +67,7 @@ class Inversion(_Part):
     """State of the dive in the archive."""
 
     status: str = _field("", "done or failed")
-    message: str = _field("", "why it failed, or remarks on it")
+    message: str = _field("", "reason of a failure, or remarks on the dive")
     windows: int = _field("1", "windows solved")
     converged_fraction: float | None = _field("1", "fraction of the windows that converged")
     smoothed: bool = _field("", "whether the smoother has an estimate")
@@ -90,13 +90,13 @@ class HullChange(_Part):
     parameter: str = _field("", "key in the platform file")
     meaning: str = _field("", "description")
     unit: str = _field("", "unit of value and change")
-    first: float = _field("", "value at the first of the dives")
-    probability: float = _field("1", "probability that it has changed since; prior one half")
-    change: float = _field("", "change from the first dive to this one, if it changed")
+    first: float = _field("", "value at the first of these dives")
+    probability: float = _field("1", "probability that it has changed since the first dive; one half a priori")
+    change: float = _field("", "change from the first dive to this one, given that it changed")
     change_std: float = _field("", "standard deviation of change")
-    since: int = _field("1", "number of the first dive after the change, median")
+    since: int = _field("1", "number of the first dive after the change (median)")
     dives: int = _field("1", "number of dives used")
-    above_20_percent: float = _field("1", "probability that it grew by more than a fifth of first")
+    above_20_percent: float = _field("1", "probability that it has grown by more than a fifth of first")
 
     @property
     def size_text(self) -> str:
@@ -123,8 +123,8 @@ class JointPart(_Part):
 class JointHullChange(_Part):
     """Change of any of the numbers of the platform file that may change, with one onset, over the dives so far."""
 
-    probability: float = _field("1", "probability that something has changed; prior one half")
-    since: int = _field("1", "number of the first dive after the change, median")
+    probability: float = _field("1", "probability that any of them has changed; one half a priori")
+    since: int = _field("1", "number of the first dive after the change (median)")
     since_low: int = _field("1", "lower end of the 90 % interval of since")
     since_high: int = _field("1", "upper end of that interval")
     step_probability: float = _field("1", "probability of an abrupt change, if anything has changed")
@@ -161,26 +161,30 @@ class Trim(_Part):
     """Difference of the hull from the platform file, from the dives so far, in a unit that a pilot uses."""
 
     parameter: str = _field("", "key in the platform file")
-    quantity: str = _field("", "what can be changed or corrected")
+    quantity: str = _field("", "quantity that can be changed or corrected")
     unit: str = _field("", "unit of difference")
     difference: float = _field("", "last dive minus platform file")
     difference_std: float = _field("", "its standard deviation")
-    steps: float = _field("1", "the same in plausible deviations; beyond 3 something other than the hull is wrong")
+    steps: float = _field(
+        "1", "difference in plausible deviations; beyond 3, something other than the hull is probably wrong"
+    )
 
 
 class NextSurfacing(_Part):
     """Predicted end of the next dive, from the displacements and currents of the dives so far, or from its plan."""
 
     plan: str = Field(
-        "", description="planned heading, duration and speed, as far as given; empty: a dive like this one"
+        "", description="planned heading, duration and speed, where given; empty if a dive like this one is assumed"
     )
-    time: str = _field("", "ISO 8601, UTC")
+    time: str = _field("", "time, ISO 8601, UTC")
     latitude: float = _field("degree_north", "latitude")
     longitude: float = _field("degree_east", "longitude")
-    ellipse: Ellipse = _field("m", "of the position")
+    ellipse: Ellipse = _field("m", "error ellipse of the position")
     current_north: float = _field("m s-1", "predicted mean current until then, to the north")
     current_east: float = _field("m s-1", "predicted mean current until then, to the east")
-    current_ellipse: Ellipse = _field("m s-1", "of the predicted current, the hull's errors included")
+    current_ellipse: Ellipse = _field(
+        "m s-1", "error ellipse of the predicted current, including the errors of the hull"
+    )
     dives: int = _field("1", "number of dives whose currents were used")
     deviation: float = _field("m s-1", "standard deviation of the current's variable part, without the tide")
     correlation_time: float = _field("s", "correlation time of the current's variable part, without the tide")
@@ -193,7 +197,7 @@ class SurfacingMessage(_Part):
     mission: str
     platform: str = _field("", "name of the hull")
     profile: int = _field("1", "number of the profile in the archive")
-    revision: int = _field("1", "0 for the first message of a dive; higher where its record has changed since")
+    revision: int = _field("1", "0 for the first message of a dive; higher if its record has changed since then")
     changes: tuple[str, ...] = _field("", "changes since the previous revision")
     start_time: str = _field("", "first sample, ISO 8601, UTC")
     duration: float = _field("s", "time from the first to the last sample")
