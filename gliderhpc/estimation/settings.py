@@ -230,8 +230,9 @@ class EstimationSettings(Settings):
 def smoother_passes(platform: Platform, settings: SmootherSettings, interval: float = 0.0) -> int:
     """Largest number of passes of the smoother for the interval of a record's attitude, s (docs/smoother.md).
 
-    Hulls whose records are slower than their response are usually uncalibrated (`default_prior`). There one pass about
-    the filter's path is valid. With more passes the errors of the hull's coefficients would determine the speed.
+    Hulls whose records are slower than their response are usually uncalibrated (`default_prior`). There the smoother
+    does not iterate: the errors of the hull's coefficients would determine the speed. It makes one pass about the
+    filter's path, and one about a run of the model that is steered along its result.
     """
     if settings.max_passes is not None:
         return settings.max_passes

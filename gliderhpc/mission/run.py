@@ -176,11 +176,11 @@ def _log_use_of_optional_variables(observations: Observations, platform: Platfor
 
 
 def _warn_about_unused_settings(platform: Platform, settings: MissionSettings) -> None:
-    """Warn of settings of the smoother that were set but have no effect, because it makes a single pass."""
+    """Warn of settings of the smoother that were set but have no effect, because it does not iterate."""
     unused = [name for name in _SETTINGS_OF_SEVERAL_PASSES if name in settings.smoother.model_fields_set]
     if unused and smoother_passes(platform, settings.smoother, platform.sensors.sample_interval) == 1:
         log.warning(
-            "%s: no effect, because the smoother makes one pass over slow records of a hull without a disturbance "
+            "%s: no effect, because the smoother does not iterate over slow records of a hull without a disturbance "
             "prior of its own; `gliderhpc tune` estimates one, or set smoother.max_passes",
             ", ".join(f"smoother.{name}" for name in unused),
         )

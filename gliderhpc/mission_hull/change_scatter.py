@@ -1,14 +1,21 @@
-"""Scatter of one error of the hull from dive to dive, which a change must exceed.
+"""Scatter of the errors of the hull from dive to dive, which a change must exceed.
 
 The stated covariances of the dives do not include everything that has the same effect as an error of the hull: packets
 of internal waves, for example, appear as a different lift in the dives that cross them. A few such dives at one end of
 a mission would pass for a change. The error may therefore also differ from dive to dive at random, by an unknown
 standard deviation.
+
+On the other hand the covariances contain forces of the water that change slowly, as large as the prior of the
+disturbances allows. Where the water is calmer, the dives agree better than stated, and smaller changes show. The
+differences between successive dives tell how much better; a change of the hull hardly affects them.
 """
 
-import numpy as np
+from collections.abc import Sequence
 
-from gliderhpc.mission_hull.gaussian_chain import Array, Information
+import numpy as np
+from scipy import stats
+
+from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information
 
 LEVELS = (0.0, 0.05, 0.12, 0.3, 0.7, 1.6)
 """Standard deviations tried for the scatter, in plausible deviations of the error."""
@@ -18,6 +25,52 @@ _STATED_SUFFICES = 0.9
 
 LOG_PRIOR = np.log(np.array([_STATED_SUFFICES, *[(1.0 - _STATED_SUFFICES) / (len(LEVELS) - 1)] * (len(LEVELS) - 1)]))
 """Log of the prior probabilities of `LEVELS`; those above zero are equally probable."""
+
+
+MIN_VARIANCE_RATIO = 0.1
+"""Minimum ratio of the variance between dives to the stated one: below, errors that all dives share would matter."""
+_CONFIDENCE = 0.95
+"""Probability that the ratio is not larger than the one returned: a few dives can agree by chance."""
+_INDEPENDENT = 1.0 / 3.0
+"""Independent values per difference between successive dives: each dive is in two of them, and a median of chi-squares
+is about half as precise as their mean."""
+
+
+def variance_ratio(terms: Sequence[Information], prior: Gaussian, suspects: Sequence[int]) -> float:
+    """Upper bound of the ratio of the variance between successive dives to the stated one.
+
+    Parameters
+    ----------
+    terms : sequence of Information
+        Information of at least two dives, in the order of time.
+    prior : Gaussian
+        Prior of the errors, of which there are ``p``.
+    suspects : sequence of int
+        Indices of the errors whose variance is judged, as those that may change.
+
+    Notes
+    -----
+    Let ``r = h - L eta`` be the score of a dive about the mission's mean, of covariance ``L``. The chi-squares of the
+    differences of successive ``r``, for the suspects alone, have the same median as a chi-square distribution if the
+    covariances are right. The median is not sensitive to single dives, nor to an abrupt or slow change.
+    """
+    matrices, vectors = np.array([term.matrix for term in terms]), np.array([term.vector for term in terms])
+    precision = np.linalg.inv(prior.covariance)
+    mean = np.linalg.solve(matrices.sum(axis=0) + precision, vectors.sum(axis=0) + precision @ prior.mean)
+    chosen = list(suspects)
+    score = (vectors - matrices @ mean)[:, chosen]
+    stated = matrices[:, chosen][:, :, chosen]
+    covariance = stated[1:] + stated[:-1]
+    informative = np.linalg.matrix_rank(covariance, hermitian=True) == len(chosen)
+    if not informative.any():
+        return np.inf
+    difference = np.diff(score, axis=0)[informative]
+    chi_square = np.einsum(
+        "nk,nk->n", difference, np.linalg.solve(covariance[informative], difference[..., None])[..., 0]
+    )
+    freedom = _INDEPENDENT * len(chosen) * len(chi_square)
+    ratio = float(np.median(chi_square)) / float(stats.chi2.median(len(chosen)))
+    return ratio * freedom / float(stats.chi2.ppf(1.0 - _CONFIDENCE, freedom))
 
 
 def with_scatter(term: Information, deviation: Array) -> Information:

@@ -16,7 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gliderhpc.mission_hull.change_scatter import LEVELS, LOG_PRIOR, averaged_over_levels, with_scatter
+from gliderhpc.mission_hull.change_scatter import (
+    LEVELS,
+    LOG_PRIOR,
+    MIN_VARIANCE_RATIO,
+    averaged_over_levels,
+    variance_ratio,
+    with_scatter,
+)
 from gliderhpc.mission_hull.estimate import HullPrior, ProfileTerm, transitions_between
 from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information, Transition
 from gliderhpc.mission_hull.weighted_sum import SumProblem, WeightedSum
@@ -81,11 +88,14 @@ def change_chains(
     prior.
 
     The profiles' covariances include common errors too. They are therefore scaled by the scatter between profiles, also
-    where this is smaller than they state, down to `_MIN_SCATTER`.
+    where this is smaller than they state, down to `_MIN_SCATTER`, and further if the suspects alone vary less between
+    successive profiles (`change_scatter.variance_ratio`).
     """
     assumptions = _assumptions(profiles)
-    parts = _parts(assumptions, prior) if robust else np.ones((len(assumptions), len(profiles)))
     free = _with_free_levels(prior, suspects, size)
+    parts = np.ones((len(assumptions), len(profiles)))
+    if robust:
+        parts = _raised(_parts(assumptions, prior), assumptions, free.eta, suspects)
     return [ChangeChain(free, each, part.tolist(), size) for each, part in zip(assumptions, parts, strict=True)]
 
 
@@ -157,6 +167,16 @@ def _parts(assumptions: Sequence[Sequence[ProfileTerm]], prior: HullPrior) -> Ar
     constant = total(np.zeros(len(prior.walk))).agreeing(_MIN_SCATTER)
     walks = (constant.inflation >= 1.0) | (constant.disagreements[1].sum(axis=-1) < _MIN_FREEDOM)
     return np.where(walks[:, None], total(prior.walk).agreeing().part, constant.part) if walks.any() else constant.part
+
+
+def _raised(
+    part: Array, assumptions: Sequence[Sequence[ProfileTerm]], prior: Gaussian, suspects: Sequence[int]
+) -> Array:
+    """Factors on the information, raised where the suspects vary less between successive profiles than stated."""
+    ratio = [variance_ratio([profile.term for profile in same], prior, suspects) for same in assumptions]
+    # The largest factor is that of a profile with full weight, the reciprocal of the profiles' inflation.
+    raised = 1.0 / np.maximum(ratio, MIN_VARIANCE_RATIO) / part.max(axis=1)
+    return np.asarray(part * np.maximum(1.0, raised)[:, None])
 
 
 class ChangeChain:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.estimation.filter import FilterEstimate
+from gliderhpc.estimation.smoother.problem import Trajectory
 from gliderhpc.kernels.smoother_memory import SmootherProblem
 from gliderhpc.outcomes import Outcome
 
@@ -73,6 +74,13 @@ class SmoothedEstimate:
     simplified: str = ""
     unscaled: tuple[int, ...] = ()
     last_pass: "LastPass | None" = None
+
+    def path(self, decay: Array) -> Trajectory:
+        """Return the smoothed path, given the decay ``(6,)`` of the disturbances over a step.
+
+        No step follows the last row; its disturbance is the previous one, decayed.
+        """
+        return Trajectory(self.states.copy(), np.vstack([self.disturbances, decay * self.disturbances[-1]]))
 
     def thinned(self, every: int) -> "SmoothedEstimate":
         """Return the estimate at steps that are multiples of `every`; the larger arrays of all steps are freed."""

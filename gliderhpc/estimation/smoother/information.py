@@ -183,11 +183,8 @@ def smoothed_hull_information(
     settings : EstimationSettings
         Settings of the run.
     """
-    # No step follows the last row; its disturbance is the previous one, decayed.
-    last_disturbance = last.problem.decay * smoothed.disturbances[-1]
-    path = Trajectory(smoothed.states.copy(), np.vstack([smoothed.disturbances, last_disturbance]))
     return hull_information(
-        profile, last, settings.records, path, every=settings.steps_per_record,
+        profile, last, settings.records, smoothed.path(last.problem.decay), every=settings.steps_per_record,
         velocity_error=settings.smoother.velocity_error, motion=_motion_prior(profile, settings),
     )  # fmt: skip
 

@@ -26,13 +26,14 @@ from gliderhpc.estimation.smoother.noise import (
 )
 from gliderhpc.estimation.smoother.problem import (
     Damping,
+    RollingGusts,
     Sweeps,
     Trajectory,
     pose_problem,
     starting_trajectory,
     unscaled_channels,
 )
-from gliderhpc.estimation.smoother.steered_run import find_gusts
+from gliderhpc.estimation.smoother.steered_run import find_gusts, run_along
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.parameters import Hull
 from gliderhpc.kernels.smoother_memory import Backward, SmootherProblem
@@ -117,15 +118,44 @@ def _smoothed_or_filtered(
 def _smoothed(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, noise_factor: Array | float
 ) -> SmoothedEstimate:
-    """Pose the problem, estimate the noise from a segment, and iterate."""
+    """Smooth a profile, from the filter's path or, for a slow record, about a run of the model.
+
+    The filter's path through the turns of a slow record is wrong by far more than the smoothed one: by a heave force of
+    several newtons on twins with the true hull. A linearisation about it leaves half of this error. A run that is
+    steered along a first smoothed path contains neither, and its linearisation is used instead.
+    """
+    start = starting_trajectory(filtered)
+    gusts = find_gusts(profile, start)
+    smoothed = _smoothed_from(start, profile, filtered, settings, noise_factor, gusts)
+    run = _run_for_slow_record(profile, smoothed, settings.smoother)
+    if run is None:
+        return smoothed
+    about_run = _smoothed_from(run, profile, filtered, settings, noise_factor, gusts)
+    return replace(about_run, passes=smoothed.passes + about_run.passes) if about_run.outcome.usable else smoothed
+
+
+def _run_for_slow_record(
+    profile: PreparedProfile, smoothed: SmoothedEstimate, settings: SmootherSettings
+) -> Trajectory | None:
+    """Return the run about which a slow record is smoothed once more; None for other records, or if no run fits."""
+    passes = smoother_passes(profile.glider.platform, settings, profile.series.attitude_interval)
+    is_single = settings.max_passes is None and passes == 1
+    if not (is_single and smoothed.outcome.usable and smoothed.last_pass):
+        return None
+    return run_along(profile, smoothed.path(smoothed.last_pass.problem.decay))
+
+
+def _smoothed_from(
+    start: Trajectory, profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings,
+    noise_factor: Array | float, gusts: RollingGusts | None,
+) -> SmoothedEstimate:  # fmt: skip
+    """Pose the problem, estimate the noise from a segment, and iterate from a path."""
     hull, platform, gate = profile.glider.hull, profile.glider.platform, settings.filter.gate
     passes = smoother_passes(platform, settings.smoother, profile.series.attitude_interval)
     options = settings.smoother.model_copy(update={"max_passes": passes})
     if stationary_points(profile.series).any():
         # Drag vanishes with the square of the speed: about rest, the mean's second-order shift of the path diverges.
         options = options.model_copy(update={"estimate": "mode"})
-    start = starting_trajectory(filtered)
-    gusts = find_gusts(profile, start)
     problem, scale = pose_problem(profile, filtered, settings, noise_factor, gusts=gusts)
     models: list[NoiseModel] = [scale] if options.adaptive else []
     if options.degrees_of_freedom is not None:

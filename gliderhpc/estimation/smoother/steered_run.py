@@ -1,4 +1,4 @@
-"""Path about which the information on the hull is computed: a run of the model, without noise and without gusts.
+"""Path about which the model is linearised for the information on the hull: a run of the model, without noise or gusts.
 
 The score of the hull's errors is unbiased if the innovations and their derivatives do not contain the same noise. A
 filter is not optimal if the disturbances are not distributed as it assumes: in calm water it follows the noise of its
@@ -9,7 +9,7 @@ force that varies over ten to forty minutes, for example, would reduce the estim
 The run has the mean surge force, heave force and pitch moment of each dive and climb, and is otherwise steered slowly
 along the smoothed path. It follows the glider, but hardly any noise or gusts. Its derivatives come mainly from the
 motion of the actuators, which serves as an instrumental variable: their product with the innovations has little bias,
-whatever the noise.
+whatever the noise. Slow records are smoothed about such a run too (`gliderhpc.estimation.smoother.iterate`).
 
 The difference between the turning rates of path and run also shows whether gusts roll the glider.
 """
@@ -92,21 +92,31 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     In a slow record the smoothed rates between samples are not known well enough to judge a run by them: with the prior
     of slow sensors the pitch swings by half a degree. There any run that keeps the speed is used.
     """
-    run, disturbances = _run_along(profile, smoothed)
-    if _keeps_speed(smoothed, run) and (profile.is_slow or _follows_rates(profile, smoothed, run)):
-        return _trajectory(smoothed, run, disturbances)
+    run = run_along(profile, smoothed)
+    if run is not None and (profile.is_slow or _follows_rates(profile, smoothed, run)):
+        return run
     path = filtered()
     gliding, forces = _run_along(profile, smoothed, turning=path)
     if not (_distances(profile, smoothed, gliding)[1] <= _MAX_RATE_DIFFERENCE and _keeps_speed(smoothed, gliding)):
         return path
-    run, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
-    run[:, _GLIDING], disturbances[:, _FORCES] = gliding[:, _GLIDING], forces[:, _FORCES]
-    return _trajectory(path, run, disturbances)
+    states, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
+    states[:, _GLIDING], disturbances[:, _FORCES] = gliding[:, _GLIDING], forces[:, _FORCES]
+    return _trajectory(path, states, disturbances)
 
 
-def _follows_rates(profile: PreparedProfile, path: Trajectory, run: Array) -> bool:
+def run_along(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | None:
+    """Return a run of the model that is steered slowly along a smoothed path, or None if none keeps the path's speed.
+
+    The run contains hardly any noise of the record. It has the path's mean surge force, heave force and pitch moment of
+    each dive and each climb, and moving means of the other disturbances.
+    """
+    run, disturbances = _run_along(profile, smoothed)
+    return _trajectory(smoothed, run, disturbances) if _keeps_speed(smoothed, run) else None
+
+
+def _follows_rates(profile: PreparedProfile, path: Trajectory, run: Trajectory) -> bool:
     """Return whether the rates of pitch and yaw of a run are about those of the path."""
-    return bool((_distances(profile, path, run)[1:] <= _MAX_RATE_DIFFERENCE).all())
+    return bool((_distances(profile, path, run.states[:, SENSED])[1:] <= _MAX_RATE_DIFFERENCE).all())
 
 
 def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts | None:
