@@ -212,6 +212,29 @@ def test_gusts_in_a_slow_record_are_not_taken_for_a_constant_sideslip():
     assert np.sqrt(np.mean(error**2)) < 0.004
 
 
+@pytest.mark.compiled
+def test_turns_and_impulses_in_a_slow_record_do_not_leave_a_heave_force():
+    """Smoothed about the filter's path alone, the true hull had a heave force of newtons after every turn."""
+    hull, settings = read_platform("slocum"), EstimationSettings(step=0.25)
+    scenario = load_scenario("impulses").replaced({"depth": 150.0, "steering": {"courses": (90.0,), "interval": 300.0}})
+    once = settings.model_copy(update={"smoother": settings.smoother.model_copy(update={"max_passes": 1})})
+    squares = {"usual": [], "once": []}
+    for seed in (1, 2, 3):
+        record, truth = simulate_profile(hull, scenario, seed)
+        profile = prepare_profile(Glider(hull), on_steps(record, settings, hull))
+        filtered = run_filter(profile, settings)
+        time = profile.series.time[:-1]
+        steady = ~profile.vibrating[:-1] & (time > 60.0) & (time < truth.time[-1])
+        for way, chosen in {"usual": settings, "once": once}.items():
+            smoothed = run_smoother(profile, filtered, chosen)
+            assert smoothed.passes == {"usual": 2, "once": 1}[way]
+            true = truth.disturbances[np.minimum((time / truth.step).astype(int), len(truth.disturbances) - 1), 2]
+            squares[way].append(np.mean((smoothed.disturbances[:, 2] - true)[steady] ** 2))
+    usual, about_the_filter = (np.sqrt(np.mean(squares[way])) for way in ("usual", "once"))
+    assert usual < 0.35
+    assert usual < 0.5 * about_the_filter
+
+
 @pytest.fixture(scope="module")
 def wandering():
     """Return hull, record and truth of a slow Seaglider dive, sampled every 20 s, with a heading that wanders."""

@@ -66,6 +66,8 @@ _SIMPLER_METHODS: dict[str, dict[str, bool | str]] = {
     "the estimate is the most probable path, not the mean": {"estimate": "mode"},
 }
 """Changes of the settings, by description, that are tried one after another if there is no estimate."""
+_HEADING_AND_DEPTH = [2, 5]
+"""Indices of these states of eq. 16."""
 _RECORD_ERRORS = (ProfileError, ArithmeticError, np.linalg.LinAlgError)
 """Errors that a record may cause in the smoother; any other error is a fault of the program."""
 
@@ -131,18 +133,28 @@ def _smoothed(
     if run is None:
         return smoothed
     about_run = _smoothed_from(run, profile, filtered, settings, noise_factor, gusts)
-    return replace(about_run, passes=smoothed.passes + about_run.passes) if about_run.outcome.usable else smoothed
+    # With a part of its move only, the path is still between the run and its estimate.
+    if about_run.damped or not about_run.outcome.usable:
+        return smoothed
+    return replace(about_run, passes=smoothed.passes + about_run.passes)
 
 
 def _run_for_slow_record(
     profile: PreparedProfile, smoothed: SmoothedEstimate, settings: SmootherSettings
 ) -> Trajectory | None:
-    """Return the run about which a slow record is smoothed once more; None for other records, or if no run fits."""
+    """Return the run about which a slow record is smoothed once more; None for other records, or if no run fits.
+
+    Heading and depth are those of the smoothed path. The run's heading lags behind in turns, by whole turns in spirals,
+    and the distance made good would be linearised about another direction.
+    """
     passes = smoother_passes(profile.glider.platform, settings, profile.series.attitude_interval)
     is_single = settings.max_passes is None and passes == 1
     if not (is_single and smoothed.outcome.usable and smoothed.last_pass):
         return None
-    return run_along(profile, smoothed.path(smoothed.last_pass.problem.decay))
+    run = run_along(profile, smoothed.path(smoothed.last_pass.problem.decay))
+    if run is not None:
+        run.states[:, _HEADING_AND_DEPTH] = smoothed.states[:, _HEADING_AND_DEPTH]
+    return run
 
 
 def _smoothed_from(
