@@ -30,6 +30,9 @@ from gliderhpc.store_schema.schema import (
 
 Arrays = dict[str, zarr.Array[Any]]
 
+DESCRIPTION = "long_name"
+"""Attribute that describes an array in words."""
+
 
 def check_archive(location: Location) -> list[str]:
     """List the differences between an archive and the schema; a study that has not been run is not a difference.
@@ -116,7 +119,7 @@ def _with_members(location: Location) -> tuple[zarr.Group, bool]:
     If it does, the members are read from it, in half the time of opening each of them separately.
     """
     root = _opened(location)
-    if not _is_consolidated(location):
+    if not is_consolidated(location):
         return root, False
     try:
         return zarr.open_group(store_at(location, read_only=True), mode="r", use_consolidated=True), True
@@ -133,27 +136,27 @@ def _structure_differences(
     for group in MISSION:
         node = root if group.name == "/" else _member(root, group.name)
         if isinstance(node, zarr.Group):
-            yield from _group_differences(node, group)
+            yield from _group_differences(node, group, is_consolidated)
         else:
             yield f"{group.name}: {node or 'the group is missing'}"
     for study in studies:
         node = _member(root, study.name)
         if isinstance(node, zarr.Group):
             if not is_shared(study) or COMPLETE in node.attrs:
-                yield from _study_differences(node, study)
+                yield from _study_differences(node, study, is_consolidated)
         elif node is not None:
             yield f"{study.name}: {node}"
     if studies and not is_consolidated:
         yield from _consolidated_differences(location, root)
 
 
-def _study_differences(node: zarr.Group, group: Group) -> Iterator[str]:
+def _study_differences(node: zarr.Group, group: Group, is_consolidated: bool) -> Iterator[str]:
     if not node.attrs.get(COMPLETE, False):
         yield f"{group.name}: the study was interrupted; run it again"
-    yield from _group_differences(node, group)
+    yield from _group_differences(node, group, is_consolidated)
 
 
-def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
+def _group_differences(node: zarr.Group, group: Group, is_consolidated: bool) -> Iterator[str]:
     arrays, unreadable = _arrays(node, group)
     known = {variable.name for variable in group_called(group.name).variables}
     yield from (f"{group.name}/{name}: not in the schema" for name in sorted(set(arrays) - known))
@@ -162,15 +165,20 @@ def _group_differences(node: zarr.Group, group: Group) -> Iterator[str]:
     for variable in group.variables:
         if variable.name in arrays:
             label, array = f"{group.name}/{variable.name}", arrays[variable.name]
-            yield from (f"{label}: {text}" for text in variable_differences(array, group, variable, sizes))
+            differences = variable_differences(array, group, variable, sizes, is_consolidated)
+            yield from (f"{label}: {text}" for text in differences)
         elif variable.name not in unreadable:
             yield f"{group.name}/{variable.name}: the variable is missing"
 
 
 def variable_differences(
-    array: zarr.Array[Any], group: Group, variable: ArchiveVariable, sizes: dict[str, int]
+    array: zarr.Array[Any], group: Group, variable: ArchiveVariable, sizes: dict[str, int], is_consolidated: bool
 ) -> Iterator[str]:
-    """Yield the differences between an array's metadata and its variable in the schema, given the dimensions' sizes."""
+    """Yield the differences between an array's metadata and its variable in the schema, given the dimensions' sizes.
+
+    Versions of the program with the same schema may word a description differently. Where the consolidated metadata
+    repeats the array's, the description is as it was written, and its wording is not a difference.
+    """
     dims = tuple(getattr(array.metadata, "dimension_names", None) or ())
     if dims != variable.dims:
         yield f"dimensions are {dims}, not {variable.dims}"
@@ -191,7 +199,10 @@ def variable_differences(
         yield f"dtype is {_dtype_name(array)}, not {variable.dtype}"
     elif not _is_equal(array.fill_value, variable.fill_value):
         yield f"fill value is {array.fill_value}, not {variable.fill_value}"
-    yield from _attribute_differences(dict(array.attrs), variable.all_attributes())
+    stored, expected = dict(array.attrs), variable.all_attributes()
+    if is_consolidated and DESCRIPTION in stored:
+        del expected[DESCRIPTION]
+    yield from _attribute_differences(stored, expected)
 
 
 def _chunks_fit(array: zarr.Array[Any], group: Group, variable: ArchiveVariable) -> bool:
@@ -229,7 +240,7 @@ def _consolidated_differences(location: Location, root: zarr.Group) -> Iterator[
             yield f"{name}: the consolidated metadata differs from its own"
 
 
-def _is_consolidated(location: Location) -> bool:
+def is_consolidated(location: Location) -> bool:
     """Return whether the consolidated metadata equals that of every group and variable."""
     try:
         members = stored_metadata(store_at(location, read_only=True))

@@ -18,7 +18,7 @@ from zarr.core.buffer import default_buffer_prototype
 from zarr.storage import StorePath
 
 from gliderhpc.errors import InputError
-from gliderhpc.store_schema.check import variable_differences
+from gliderhpc.store_schema.check import is_consolidated, variable_differences
 from gliderhpc.store_schema.commits import UNREADABLE, label_of, readable_arrays
 from gliderhpc.store_schema.consolidation import consolidate
 from gliderhpc.store_schema.create import create_variable, mission_sizes
@@ -207,14 +207,15 @@ def mend_metadata(location: Location) -> list[str]:
     """
     if is_empty(location) or _is_of_another_version(location):
         return []
-    damaged = _damaged(location, list(MISSION))
+    as_written = is_consolidated(location)
+    damaged = _damaged(location, list(MISSION), as_written)
     if damaged is None or (damaged and not is_archive(location)):
         return []  # too little is left, or the version of the schema is unknown
     mended = [*_mend_groups(location, list(MISSION)), *_rewrite(location, damaged)]
     for study in STUDIES:
         if not has_study(location, study):
             continue
-        damaged = _damaged(location, [study])
+        damaged = _damaged(location, [study], as_written)
         if damaged is None:
             raise InputError(
                 f"{location}: {study.name}: its metadata is damaged beyond what the schema can restore; remove that "
@@ -234,7 +235,7 @@ class _Damaged:
     chunks: tuple[int, ...]
 
 
-def _damaged(location: Location, groups: list[Group]) -> list[_Damaged] | None:
+def _damaged(location: Location, groups: list[Group], as_written: bool) -> list[_Damaged] | None:
     """Find variables with damaged metadata in some groups; None where too little is left to determine their sizes."""
     arrays = readable_arrays(location, [label_of(group.name, v.name) for group in groups for v in group.variables])
     shapes = _Shapes(arrays, groups)
@@ -244,7 +245,7 @@ def _damaged(location: Location, groups: list[Group]) -> list[_Damaged] | None:
         _Damaged(group, variable, shapes.of(variable), shapes.chunks_of(group, variable))
         for group in groups
         for variable in group.variables
-        if _differs(arrays.get(label_of(group.name, variable.name)), group, variable, shapes)
+        if _differs(arrays.get(label_of(group.name, variable.name)), group, variable, shapes, as_written)
     ]
 
 
@@ -292,11 +293,13 @@ class _Shapes:
         return (1, *(self._lengths.get(dim, size) for dim, size in zip(variable.dims[1:], whole[1:], strict=True)))
 
 
-def _differs(array: zarr.Array[Any] | None, group: Group, variable: ArchiveVariable, shapes: _Shapes) -> bool:
+def _differs(
+    array: zarr.Array[Any] | None, group: Group, variable: ArchiveVariable, shapes: _Shapes, as_written: bool
+) -> bool:
     if array is None or array.shape != shapes.of(variable) or array.chunks != shapes.chunks_of(group, variable):
         return True
     sizes = dict(zip(variable.dims, shapes.of(variable), strict=True))
-    return any(True for _ in variable_differences(array, group, variable, sizes))
+    return any(True for _ in variable_differences(array, group, variable, sizes, as_written))
 
 
 def _mend_groups(location: Location, groups: list[Group]) -> Iterator[str]:

@@ -383,11 +383,19 @@ def joint_in_units(mission: MissionTerms, hull: MissionHull, joint: JointChange)
     }
 
 
+def has_statements(archive: Archive) -> bool:
+    """Return whether an archive contains all of the dives' information on the hull that the sum uses.
+
+    Archives of earlier versions have only a part of it, or none.
+    """
+    return NAME in archive.children and set(STATEMENTS) <= set(archive[NAME].to_dataset().variables)
+
+
 def missing_input(request: Request, _: object) -> str | None:
     """Require a finished profile that the smoother has estimated."""
     with open_for_reading(request.archive) as archive:
         done = done_profiles(archive)
-        if NAME not in archive.children:
+        if not has_statements(archive):
             return "the archive was made without the smoother's information on the hull; run the mission again"
         numbers = select_profiles(done, request.profiles) if done else []
     return None if numbers else "no profile is finished"

@@ -14,7 +14,7 @@ from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.estimation.quality import MAX_REJECTED_SHARE
 from gliderhpc.findings.formatting import iso_instant
 from gliderhpc.studies.archived import platform_or_none
-from gliderhpc.studies.hull import STATEMENTS
+from gliderhpc.studies.hull import has_statements
 from gliderhpc.studies.library.scores import covariance_matrix, ellipse_axes
 from gliderhpc.surfacing.dive_plan import DivePlan
 from gliderhpc.surfacing.message import (
@@ -240,13 +240,8 @@ def _anomalies(row: xr.Dataset, data: ProfileData) -> tuple[str, ...]:
 
 
 def _has_hull_information(archive: Archive) -> bool:
-    """Return whether the archive has the dives' information on a hull that this program can read.
-
-    Archives of earlier versions have only a part of this information, or none.
-    """
-    if "hull" not in archive.children or platform_or_none(archive) is None:
-        return False
-    return set(STATEMENTS) <= set(archive["hull"].to_dataset().variables)
+    """Return whether the archive has the dives' information on a hull that this program can read."""
+    return platform_or_none(archive) is not None and has_statements(archive)
 
 
 def _hull(archive: Archive, number: int) -> tuple[HullParameter, ...]:

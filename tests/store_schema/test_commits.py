@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from support.missions import WHOLE, archive_bytes, program
 
 from gliderhpc.archive.mission import open_mission
@@ -281,6 +282,21 @@ def test_a_flipped_bit_of_metadata_is_mended(own_copy, swift, swift_store, numbe
     metadata.write_bytes(content)
     assert resume(swift, own_copy).status == 0
     assert archive_bytes(own_copy) == archive_bytes(swift_store)
+
+
+def test_another_wording_of_a_description_is_no_damage(own_copy, swift, swift_store):
+    """An earlier program with the same schema wrote it: the archive is complete, resumed in silence, and compared."""
+    group = zarr.open_group(own_copy, mode="r+", use_consolidated=False)
+    for name in ("series/B_cu", "max_depth"):
+        group[name].attrs["long_name"] = "as described before"
+    consolidate(own_copy)
+    before = archive_bytes(own_copy)
+    answer = program("check", own_copy)
+    assert answer.status == 0, answer.out
+    answer = resume(swift, own_copy)
+    assert "metadata" not in answer.err
+    assert archive_bytes(own_copy) == before
+    assert program("compare", own_copy, swift_store).status == 0
 
 
 # What readers see

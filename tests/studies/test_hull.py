@@ -19,7 +19,15 @@ from gliderhpc.flight.hull_parameters import hull_parameters
 from gliderhpc.mission_hull.estimate import ProfileTerm, solve_mission
 from gliderhpc.platform import read_platform
 from gliderhpc.report.studies import hull as shown_hull
-from gliderhpc.store_schema import check_archive, create_archive, create_study, finish_study, restored_on_error
+from gliderhpc.store_schema import (
+    check_archive,
+    consolidate,
+    create_archive,
+    create_study,
+    finish_study,
+    restored_on_error,
+    set_attributes,
+)
 from gliderhpc.store_schema.deep_check import damaged_chunks
 from gliderhpc.store_schema.maintenance import grow_archive, mend_metadata
 from gliderhpc.store_schema.schema import MISSION, STUDIES, group_called
@@ -315,6 +323,21 @@ def test_an_archive_of_an_earlier_version_has_fewer_parameters(studied):
     assert [key for key, is_known in zip(found.labels, known, strict=True) if is_known] == sorted(
         (p.key for p in found.parameters), key=found.labels.index
     )
+
+
+@pytest.mark.compiled
+@pytest.mark.damages_archive
+def test_an_archive_with_a_part_of_the_information_is_reported_and_not_summed(studied, tmp_path):
+    """An earlier schema lacks the terms of the other noise: a study made then is shown, but not repeated."""
+    earlier = shutil.copytree(studied[0], tmp_path / "earlier.zarr")
+    set_attributes(earlier, {"schema_version": "1.7"})
+    for name in ("score_other", "information_other"):
+        shutil.rmtree(earlier / NAME / name)
+    consolidate(earlier)
+    assert "parameters" in shown(earlier, NAME).tables
+    answer = program("analyze", earlier, "hull", "--workers", 0)
+    assert answer.status == 2
+    assert "made without the smoother's information on the hull; run the mission again" in answer.err
 
 
 @pytest.mark.compiled

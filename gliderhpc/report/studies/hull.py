@@ -108,7 +108,7 @@ class HullHistory:
 
 def read_history(archive: Archive, profiles: Sequence[int]) -> HullHistory:
     """Read the study's findings at the profiles with an estimate."""
-    group = archive[NAME].to_dataset().drop_vars([*STATEMENTS]).load().sel(profile=list(profiles))
+    group = archive[NAME].to_dataset().drop_vars([*STATEMENTS], errors="ignore").load().sel(profile=list(profiles))
     known = np.isfinite(group["estimate"].values).any(axis=1)
     days = archive.to_dataset()["elapsed_days"].sel(profile=list(profiles)).values
     return HullHistory(platform_of(archive), group.isel(profile=known), np.asarray(days[known], dtype=np.float64))
