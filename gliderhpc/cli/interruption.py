@@ -71,6 +71,16 @@ def interruptible() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def clear_unhandled_mark() -> None:
+    """Clear Python's mark of an unhandled interruption, once the interruption has been handled.
+
+    An interruption that passes through the execution of source text, as libraries do when they are imported, leaves
+    this mark even if it is caught afterwards. Run with ``python -m``, Python would then end the process by a signal,
+    whatever its exit status. Evaluating any source text clears the mark.
+    """
+    eval("None")
+
+
 class _RepeatedSignal:
     """Thread that signals the main thread until an interruption has been raised there.
 

@@ -10,7 +10,7 @@ import warnings
 import click
 from click.shell_completion import get_completion_class
 
-from gliderhpc.cli.interruption import interruptible
+from gliderhpc.cli.interruption import clear_unhandled_mark, interruptible
 from gliderhpc.cli.messages import (
     FULL,
     Verb,
@@ -259,6 +259,7 @@ def _report_error(error: Exception, verb: str, remedy: str) -> int:
 
 
 def _report_interruption(verb: str, remedy: str) -> int:
+    clear_unhandled_mark()
     left = ", ".join([*filter(None, [INTERRUPTED_STATE.get(verb)]), remedy])
     return _report_end(f"interrupted; {left}", INTERRUPTED)
 

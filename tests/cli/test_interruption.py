@@ -3,6 +3,8 @@
 import _thread
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -101,6 +103,17 @@ def test_an_interruption_leaves_a_condition_unlocked():
 
     assert interrupted_by(take_and_release)
     assert condition.acquire(blocking=False)
+
+
+def test_the_exit_status_is_130_while_a_library_executes_source_text(tmp_path):
+    """`python -m` ended by a signal instead: one command in ten, interrupted while it imported libraries."""
+    text = "import os, signal, time; os.kill(os.getpid(), signal.SIGTERM); time.sleep(60.0)"
+    lines = ("from gliderhpc.cli.main import main, program", f"program.main = lambda **_: exec({text!r})", "main([])")
+    (tmp_path / "entry.py").write_text("\n".join(lines))
+    command = [sys.executable, "-m", "entry"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "interrupted" in ended.stderr
+    assert ended.returncode == 130
 
 
 def test_ctrl_c_stays_ignored_where_it_was():
