@@ -31,7 +31,8 @@ def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt on Ctrl-C, on the end of the terminal, and on SIGTERM, which batch systems send.
 
     An interruption at an unsafe moment is raised shortly afterwards: while a library takes or releases a lock, or where
-    Python has no caller to raise the exception to, as in the callback of a weak reference.
+    Python has no caller to raise the exception to, as in the callback of a weak reference. An error in the meantime is
+    a consequence of it: a compiler, for example, misses the result of its callback.
     Ctrl-C remains ignored if it was ignored when the process started, as in a shell's background jobs, and so does the
     end of the terminal, as under `nohup`. The context has no effect outside the main thread, the only one that receives
     signals.
@@ -63,6 +64,10 @@ def interruptible() -> Iterator[None]:
     sys.unraisablehook = raise_again
     try:
         yield
+    except Exception as error:
+        if later.pending:
+            raise KeyboardInterrupt from error
+        raise
     finally:
         sys.unraisablehook = usual_hook
         # A signal sent after the usual handlers are restored would end the process.

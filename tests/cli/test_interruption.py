@@ -34,6 +34,13 @@ def interrupted_by(action):
     return False
 
 
+class Finalised:
+    """Object that is interrupted while it is finalised."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_each_signal_interrupts(number):
     before = signal.getsignal(number)
@@ -59,11 +66,19 @@ def test_the_end_of_the_terminal_stays_ignored_under_nohup():
 def test_an_interruption_that_python_would_drop_is_raised_again():
     """One that arrives while an object is finalised has no caller to be raised to."""
 
-    class Finalised:
-        def __del__(self):
-            os.kill(os.getpid(), signal.SIGTERM)
-
     assert interrupted_by(Finalised)
+
+
+def test_an_error_after_a_dropped_interruption_is_an_interruption():
+    """An interrupted callback of numba's compiler left it without a result, which was reported as a bug."""
+
+    def compile_without_result():
+        Finalised()
+        raise RuntimeError("no compiled object yet")
+
+    assert interrupted_by(compile_without_result)
+    with pytest.raises(RuntimeError, match="no compiled object"), interruptible():
+        raise RuntimeError("no compiled object yet")
 
 
 def test_an_interruption_while_a_lock_of_a_file_is_taken_leaves_it_free():
