@@ -17,7 +17,7 @@ from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema import is_archive, read_profiles
+from gliderhpc.store_schema import SCHEMA_VERSION, is_archive, read_profiles
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.location import Location
 from gliderhpc.store_schema.rows import read_attributes
@@ -75,7 +75,7 @@ def invert_new(
     store: Location,
     workers: WatchWorkers,
 ) -> None:
-    """Invert the new dives of a mission into its archive; rebuild it if a dive arrived after later ones.
+    """Invert the new dives of a mission into its archive; rebuild it if they cannot be added.
 
     Parameters
     ----------
@@ -91,11 +91,10 @@ def invert_new(
         Workers of the watch.
     """
     numbers = select_profiles(observations.profile_numbers, None)
-    waiting, grows = len(numbers), continues_archive(store, numbers)
-    if grows:
-        waiting = max(1, count_waiting(store, numbers, new, platform, settings))
-    else:
-        log.warning("%s: a dive arrived after later ones; the archive is rebuilt", store)
+    reason = reason_to_rebuild(store, numbers)
+    if reason:
+        log.warning("%s: %s; the archive is rebuilt", store, reason)
+    waiting = len(numbers) if reason else max(1, count_waiting(store, numbers, new, platform, settings))
     prepared = prepare_mission(
         observations, platform, settings, None, workers.number_for(waiting), on_cluster=False, warn=log.warning
     )
@@ -103,13 +102,13 @@ def invert_new(
         prepared,
         store,
         lambda: nullcontext(workers.open(min(prepared.workers, waiting))),
-        existing=Existing.APPEND if grows else Existing.OVERWRITE,
+        existing=Existing.OVERWRITE if reason else Existing.APPEND,
         check_last=_CHECKED,
     )
 
 
-def continues_archive(store: Location, numbers: Iterable[int]) -> bool:
-    """Return whether profiles continue those of an archive; true if there is no archive yet.
+def reason_to_rebuild(store: Location, numbers: Iterable[int]) -> str:
+    """Return why profiles cannot be added to an archive; empty if they can, or if there is no archive yet.
 
     Raises
     ------
@@ -117,12 +116,15 @@ def continues_archive(store: Location, numbers: Iterable[int]) -> bool:
         The archive contains a profile that is not among them, so it is another mission's.
     """
     if not _has_archive(store):
-        return True
+        return ""
     before, after = list(read_profiles(store)), list(numbers)
     foreign = sorted(set(before) - set(after))
     if foreign:
         raise InputError(f"{store}: contains profile {foreign[0]}, which is not in the source; give another `store`")
-    return after[: len(before)] == before
+    version = read_attributes(store).get("schema_version")
+    if version != SCHEMA_VERSION:
+        return f"it has schema version {version}, and this program's is {SCHEMA_VERSION}"
+    return "" if after[: len(before)] == before else "a dive arrived after later ones"
 
 
 def _has_archive(store: Location) -> bool:

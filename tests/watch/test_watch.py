@@ -29,6 +29,7 @@ from gliderhpc.observations.files.landing import CopiedFile, FileState, copy_fil
 from gliderhpc.observations.joined import join_observations
 from gliderhpc.observations.records import Fix
 from gliderhpc.report.page.surfacing_page import write_surfacing_page
+from gliderhpc.store_schema import SCHEMA_VERSION, set_attributes
 from gliderhpc.surfacing.dive_results import error_ellipse, surfacing_message
 from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.surfacing.next_surfacing import dives_until, predict_surfacing, surface_offset
@@ -514,6 +515,19 @@ def test_another_hull_makes_the_archive_again_and_reports_nothing_twice(dives, t
     assert reports.numbers == []
     with open_for_reading(tmp_path / "m.zarr") as archive:
         assert archive.attrs["platform"]["name"] == "other"
+
+
+def test_an_archive_of_another_schema_is_made_again(dives, swift_store, tmp_path, caplog):
+    """A program installed during the mission may have another schema, and cannot add to the archive."""
+    _watched(tmp_path)
+    shutil.copy(dives[0], tmp_path / "land")
+    assert _once(tmp_path).numbers == [(1, 0)]
+    set_attributes(tmp_path / "m.zarr", {"schema_version": "1.8"})
+    for dive in dives[1:]:
+        shutil.copy(dive, tmp_path / "land")
+    assert _once(tmp_path).numbers == [(2, 0), (3, 0)]
+    assert f"it has schema version 1.8, and this program's is {SCHEMA_VERSION}; the archive is rebuilt" in caplog.text
+    _assert_as_fresh(tmp_path / "m.zarr", swift_store)
 
 
 @pytest.mark.long
