@@ -330,6 +330,7 @@ def _open_standard_streams() -> None:
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             _discard(name)
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        # As stderr does: a name with an umlaut would end a command whose output is in ASCII.
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
+        # As stderr does: a name with an umlaut would end a command whose output is in ASCII. The second treatment is
+        # that of the locale C, and fails for such letters too.
         sys.stdout.reconfigure(errors="backslashreplace")

@@ -24,6 +24,7 @@ from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.run import MissionResult
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import Observations, open_observations
+from gliderhpc.observations.profile_numbers import as_ranges
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_location
 from gliderhpc.store_schema.location import Location
@@ -160,7 +161,7 @@ def closing_line(result: MissionResult, store: str) -> str:
     if result.reused:
         parts[0] += f" ({len(result.reused)} of them in an earlier run)"
     if result.failed:
-        parts.append(f"{len(result.failed)} failed: {', '.join(map(str, result.failed))}")
+        parts.append(f"{len(result.failed)} failed: {as_ranges(result.failed)}")
     current = adopted_current(_current_columns(done))
     if current.known.any():
         speed = np.median(np.hypot(current.north, current.east)[current.known])

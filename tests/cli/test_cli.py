@@ -604,6 +604,12 @@ def test_the_summary_shows_messages_as_they_are():
     assert closing_line(result, "a.zarr") == "0 of 1 profile done; 1 failed: 3; 0.0 s; a.zarr"
 
 
+def test_the_summary_lists_failed_profiles_as_the_option_profiles_takes_them():
+    """A thousand of them filled several screens."""
+    result = MissionResult({number: {"status": "failed"} for number in (*range(1, 1000), 1001)})
+    assert closing_line(result, "a.zarr") == "0 of 1000 profiles done; 1000 failed: 1:999,1001; 0.0 s; a.zarr"
+
+
 def test_a_margin_as_long_as_the_default_window_is_refused(brief, tmp_path):
     """The window follows the sensors when it is not set, so only the plan can see this."""
     done = program(

@@ -204,9 +204,10 @@ def test_a_limit_in_which_the_libraries_do_not_fit_is_refused_at_once():
     assert "may use 300 MB of address space, and needs at least 600 MB; raise the limit" in done.stderr
 
 
-def test_letters_that_the_output_lacks_are_escaped(monkeypatch, tmp_path):
-    """A name with an umlaut ended a command whose output is in ASCII, as an error of the program."""
-    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+@pytest.mark.parametrize("encoding", ["ascii", "ascii:surrogateescape"])
+def test_letters_that_the_output_lacks_are_escaped(encoding, monkeypatch, tmp_path):
+    """A name with an umlaut ended a command whose output is in ASCII, as an error of the program; also in locale C."""
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
     file = tmp_path / "hull.yaml"
     text = program("platforms", "petrel-l", "--yaml").out
     file.write_text(re.sub("(?m)^name:.*$", "name: hülle", text), encoding="utf-8")
