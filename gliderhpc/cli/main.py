@@ -115,6 +115,10 @@ SHELLS = ("bash", "zsh", "fish")
 """Shells for which there is a completion script."""
 
 
+class ClosedOutputError(Exception):
+    """Output pipe closed early. Click would end the program with another status."""
+
+
 class Verbs(click.Group):
     """Group of the verbs. A verb's module is imported only when the verb is used; listing the verbs imports none."""
 
@@ -142,6 +146,19 @@ class Verbs(click.Group):
 
             ctx.fail(f"no such command '{word}'{nearest(word, VERBS)}; commands are {', '.join(VERBS)}")
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the verb.
+
+        Raises
+        ------
+        ClosedOutputError
+            The output pipe was closed early.
+        """
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError as error:
+            raise ClosedOutputError from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of verbs."""
@@ -220,12 +237,12 @@ def _run(arguments: list[str] | None, verb: str) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _report_interruption(verb, remedy)
     except SystemExit as end:
-        # Click ends the program if the output pipe is closed.
+        # Rich ends the program if the output pipe is closed.
         if not isinstance(end.__context__, BrokenPipeError):
             raise
         _discard("stdout")
         return UNREAD
-    except BrokenPipeError:
+    except (ClosedOutputError, BrokenPipeError):
         _discard("stdout")
         return UNREAD
     except Exception as error:  # noqa: BLE001 - the last handler

@@ -141,8 +141,10 @@ def test_output_that_cannot_be_written(unbuffered):
     assert done.stderr.startswith("gliderhpc: ")
 
 
-def test_output_that_nobody_reads():
-    with subprocess.Popen(PLATFORMS, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+@pytest.mark.parametrize("options", [(), ("petrel-l", "--yaml")], ids=["a table", "lines"])
+def test_output_that_nobody_reads(options):
+    command = [*PLATFORMS, *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         run.stdout.close()
         err = run.stderr.read()
     assert run.returncode == 141
