@@ -65,7 +65,6 @@ def test_the_end_of_the_terminal_stays_ignored_under_nohup():
 
 def test_an_interruption_that_python_would_drop_is_raised_again():
     """One that arrives while an object is finalised has no caller to be raised to."""
-
     assert interrupted_by(Finalised)
 
 
