@@ -244,7 +244,10 @@ def locked(archive: Location) -> Iterator[str]:
             raise
         if isinstance(error, FileExistsError | NotADirectoryError):
             check_parents(Path(absolute(archive)), "another place with `store`")
-        raise InputError(f"{archive}: cannot be written ({error.strerror}); give another place with `store`") from None
+        raise InputError(
+            f"{archive}: cannot be written ({error.strerror}); give an archive in a folder that you may write to, "
+            "since its lock is written there"
+        ) from None
     stop = threading.Event()
     refresher = threading.Thread(target=_keep_refreshing, args=(lock, holder, stop), daemon=True)
     refresher.start()

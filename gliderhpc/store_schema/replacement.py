@@ -84,6 +84,9 @@ def replacing(location: Location, create: Callable[[Location], None], token: str
     finally:
         if has_commits(before.location):
             before.discard()
+            if before.aside is not None and before.aside.exists():
+                # For example without the permission to write in its folders.
+                log.warning("%s: the replaced archive cannot be removed; remove it if it is not needed", before.aside)
         else:
             before.restore()
 

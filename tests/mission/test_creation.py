@@ -143,6 +143,16 @@ def test_folders_with_like_names_are_left_alone(swift, own_copy):
     assert names(own_copy) == ["copy.zarr", *sorted(folder.name for folder in theirs)]
 
 
+def test_a_replaced_archive_that_cannot_be_removed_is_named(own_copy, swift_store, caplog, monkeypatch):
+    """Without the permission to write in its folders, it was left without a word."""
+    monkeypatch.setattr(shutil, "rmtree", lambda _, ignore_errors: None)
+    with replacing(own_copy, partial(shutil.copytree, swift_store), "0123456789abcdef") as discard:
+        discard()
+    aside = own_copy.with_name("copy.zarr.0123456789abcdef.old")
+    assert is_archive(aside)
+    assert f"{aside}: the replaced archive cannot be removed; remove it if it is not needed" in caplog.text
+
+
 def test_an_archive_set_aside_by_an_earlier_run_is_named_and_left(own_copy, caplog):
     aside = shutil.copytree(own_copy, own_copy.with_name("copy.zarr.0123456789abcdef.old"))
     restore_set_aside(own_copy)

@@ -436,6 +436,18 @@ def test_a_lock_that_is_no_file_is_named(tmp_path, make):
         pass
 
 
+def test_a_lock_that_cannot_be_written_is_explained(tmp_path, monkeypatch):
+    """`analyze` of an archive in a folder of another user advised an option that it does not have."""
+
+    def refused(lock, content):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(FileLock, "create", refused)
+    message = r"a\.zarr: cannot be written \(Permission denied\); give an archive in a folder that you may write to"
+    with pytest.raises(InputError, match=message), locked(tmp_path / "a.zarr"):
+        pass
+
+
 def test_a_lock_that_two_other_runs_took_meanwhile_is_left_to_the_last(tmp_path, monkeypatch):
     ours = FileLock(tmp_path / "a.lock")
     (tmp_path / "a.lock").write_bytes(b"second")
