@@ -930,4 +930,4 @@ def test_settings_of_passes_that_are_not_made_are_warned_of(caplog):
     _warn_about_unused_settings(read_platform("seaglider"), build_settings({}, {}))
     assert not caplog.messages
     _warn_about_unused_settings(read_platform("seaglider"), settings)
-    assert caplog.messages[0].startswith("smoother.tolerance: no effect, because the smoother makes one pass")
+    assert caplog.messages[0].startswith("smoother.tolerance: no effect, because the smoother does not iterate")
