@@ -241,14 +241,14 @@ def _consolidated_differences(location: Location, root: zarr.Group) -> Iterator[
 
 
 def is_consolidated(location: Location) -> bool:
-    """Return whether the consolidated metadata equals that of every group and variable."""
+    """Return whether the consolidated metadata equals that of every group and variable; False without a root."""
     try:
         members = stored_metadata(store_at(location, read_only=True))
         consolidated = members.pop("")[CONSOLIDATED]["metadata"]
         return members.keys() == consolidated.keys() and all(
             without_members(consolidated[path]) == without_members(members[path]) for path in members
         )
-    except (*UNREADABLE, AttributeError):
+    except (*UNREADABLE, AttributeError, FileNotFoundError):
         return False
 
 
