@@ -235,6 +235,28 @@ def test_turns_and_impulses_in_a_slow_record_do_not_leave_a_heave_force():
     assert usual < 0.5 * about_the_filter
 
 
+@pytest.mark.compiled
+@pytest.mark.parametrize("end", ["error", "damped", "diverged"])
+def test_a_second_pass_that_fails_leaves_the_first(monkeypatch, end):
+    hull, settings = read_platform("slocum"), EstimationSettings(step=0.25)
+    record, _ = simulate_profile(hull, load_scenario("calm").replaced({"depth": 60.0}), 1)
+    profile = prepare_profile(Glider(hull), on_steps(record, settings, hull))
+    made, usual = [], iterate._smoothed_from
+
+    def failing_second(*args):
+        made.append(usual(*args))
+        if len(made) == 2 and end == "error":
+            raise np.linalg.LinAlgError("singular")
+        changes = {"damped": {"damped": 1}, "diverged": {"outcome": Outcome.DIVERGED}}
+        return replace(made[-1], **changes.get(end, {})) if len(made) == 2 else made[-1]
+
+    monkeypatch.setattr(iterate, "_smoothed_from", failing_second)
+    smoothed = run_smoother(profile, run_filter(profile, settings), settings)
+    assert len(made) == 2
+    np.testing.assert_array_equal(smoothed.states, made[0].states)
+    assert (smoothed.passes, smoothed.simplified, smoothed.failure) == (1, "", "")
+
+
 @pytest.fixture(scope="module")
 def wandering():
     """Return hull, record and truth of a slow Seaglider dive, sampled every 20 s, with a heading that wanders."""

@@ -132,7 +132,10 @@ def _smoothed(
     run = _run_for_slow_record(profile, smoothed, settings.smoother)
     if run is None:
         return smoothed
-    about_run = _smoothed_from(run, profile, filtered, settings, noise_factor, gusts)
+    try:
+        about_run = _smoothed_from(run, profile, filtered, settings, noise_factor, gusts)
+    except _RECORD_ERRORS:
+        return smoothed
     # With a part of its move only, the path is still between the run and its estimate.
     if about_run.damped or not about_run.outcome.usable:
         return smoothed
