@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information
+from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information, times_vector
 
 LEVELS = (0.0, 0.05, 0.12, 0.3, 0.7, 1.6)
 """Standard deviations tried for the scatter, in plausible deviations of the error."""
@@ -25,7 +25,6 @@ _STATED_SUFFICES = 0.9
 
 LOG_PRIOR = np.log(np.array([_STATED_SUFFICES, *[(1.0 - _STATED_SUFFICES) / (len(LEVELS) - 1)] * (len(LEVELS) - 1)]))
 """Log of the prior probabilities of `LEVELS`; those above zero are equally probable."""
-
 
 MIN_VARIANCE_RATIO = 0.1
 """Minimum ratio of the variance between dives to the stated one: below, errors that all dives share would matter."""
@@ -54,20 +53,18 @@ def variance_ratio(terms: Sequence[Information], prior: Gaussian, suspects: Sequ
     differences of successive ``r``, for the suspects alone, have the same median as a chi-square distribution if the
     covariances are right. The median is not sensitive to single dives, nor to an abrupt or slow change.
     """
-    matrices, vectors = np.array([term.matrix for term in terms]), np.array([term.vector for term in terms])
-    precision = np.linalg.inv(prior.covariance)
-    mean = np.linalg.solve(matrices.sum(axis=0) + precision, vectors.sum(axis=0) + precision @ prior.mean)
+    dives = Information.stacked(terms)
+    mission, _ = prior.updated(Information(dives.vector.sum(axis=0), dives.matrix.sum(axis=0), 0.0))
     chosen = list(suspects)
-    score = (vectors - matrices @ mean)[:, chosen]
-    stated = matrices[:, chosen][:, :, chosen]
+    score = (dives.vector - times_vector(dives.matrix, mission.mean))[:, chosen]
+    stated = dives.matrix[:, chosen][:, :, chosen]
     covariance = stated[1:] + stated[:-1]
     informative = np.linalg.matrix_rank(covariance, hermitian=True) == len(chosen)
     if not informative.any():
         return np.inf
     difference = np.diff(score, axis=0)[informative]
-    chi_square = np.einsum(
-        "nk,nk->n", difference, np.linalg.solve(covariance[informative], difference[..., None])[..., 0]
-    )
+    solved = np.linalg.solve(covariance[informative], difference[..., None])[..., 0]
+    chi_square = np.sum(difference * solved, axis=1)
     freedom = _INDEPENDENT * len(chosen) * len(chi_square)
     ratio = float(np.median(chi_square)) / float(stats.chi2.median(len(chosen)))
     return ratio * freedom / float(stats.chi2.ppf(1.0 - _CONFIDENCE, freedom))

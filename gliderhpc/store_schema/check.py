@@ -52,8 +52,8 @@ def check_archive(location: Location) -> list[str]:
     InputError
         There is no archive of this program.
     """
-    root, is_consolidated = _with_members(location)
-    differences = list(_structure_differences(location, root, STUDIES, is_consolidated))
+    root, as_written = _with_members(location)
+    differences = list(_structure_differences(location, root, STUDIES, as_written))
     return differences if _other_version(root) else [*differences, *_content_differences(root)]
 
 
@@ -65,8 +65,8 @@ def structure_differences(location: Location, studies: bool = True) -> list[str]
     InputError
         There is no archive of this program.
     """
-    root, is_consolidated = _with_members(location)
-    return list(_structure_differences(location, root, STUDIES if studies else (), is_consolidated))
+    root, as_written = _with_members(location)
+    return list(_structure_differences(location, root, STUDIES if studies else (), as_written))
 
 
 def other_version(location: Location) -> str:
@@ -128,7 +128,7 @@ def _with_members(location: Location) -> tuple[zarr.Group, bool]:
 
 
 def _structure_differences(
-    location: Location, root: zarr.Group, studies: Iterable[Group], is_consolidated: bool
+    location: Location, root: zarr.Group, studies: Iterable[Group], as_written: bool
 ) -> Iterator[str]:
     if other := _other_version(root):
         yield f"/: {other}"
@@ -136,27 +136,27 @@ def _structure_differences(
     for group in MISSION:
         node = root if group.name == "/" else _member(root, group.name)
         if isinstance(node, zarr.Group):
-            yield from _group_differences(node, group, is_consolidated)
+            yield from _group_differences(node, group, as_written)
         else:
             yield f"{group.name}: {node or 'the group is missing'}"
     for study in studies:
         node = _member(root, study.name)
         if isinstance(node, zarr.Group):
             if not is_shared(study) or COMPLETE in node.attrs:
-                yield from _study_differences(node, study, is_consolidated)
+                yield from _study_differences(node, study, as_written)
         elif node is not None:
             yield f"{study.name}: {node}"
-    if studies and not is_consolidated:
+    if studies and not as_written:
         yield from _consolidated_differences(location, root)
 
 
-def _study_differences(node: zarr.Group, group: Group, is_consolidated: bool) -> Iterator[str]:
+def _study_differences(node: zarr.Group, group: Group, as_written: bool) -> Iterator[str]:
     if not node.attrs.get(COMPLETE, False):
         yield f"{group.name}: the study was interrupted; run it again"
-    yield from _group_differences(node, group, is_consolidated)
+    yield from _group_differences(node, group, as_written)
 
 
-def _group_differences(node: zarr.Group, group: Group, is_consolidated: bool) -> Iterator[str]:
+def _group_differences(node: zarr.Group, group: Group, as_written: bool) -> Iterator[str]:
     arrays, unreadable = _arrays(node, group)
     known = {variable.name for variable in group_called(group.name).variables}
     yield from (f"{group.name}/{name}: not in the schema" for name in sorted(set(arrays) - known))
@@ -165,14 +165,14 @@ def _group_differences(node: zarr.Group, group: Group, is_consolidated: bool) ->
     for variable in group.variables:
         if variable.name in arrays:
             label, array = f"{group.name}/{variable.name}", arrays[variable.name]
-            differences = variable_differences(array, group, variable, sizes, is_consolidated)
+            differences = variable_differences(array, group, variable, sizes, as_written)
             yield from (f"{label}: {text}" for text in differences)
         elif variable.name not in unreadable:
             yield f"{group.name}/{variable.name}: the variable is missing"
 
 
 def variable_differences(
-    array: zarr.Array[Any], group: Group, variable: ArchiveVariable, sizes: dict[str, int], is_consolidated: bool
+    array: zarr.Array[Any], group: Group, variable: ArchiveVariable, sizes: dict[str, int], as_written: bool
 ) -> Iterator[str]:
     """Yield the differences between an array's metadata and its variable in the schema, given the dimensions' sizes.
 
@@ -200,7 +200,7 @@ def variable_differences(
     elif not _is_equal(array.fill_value, variable.fill_value):
         yield f"fill value is {array.fill_value}, not {variable.fill_value}"
     stored, expected = dict(array.attrs), variable.all_attributes()
-    if is_consolidated and DESCRIPTION in stored:
+    if as_written and DESCRIPTION in stored:
         del expected[DESCRIPTION]
     yield from _attribute_differences(stored, expected)
 

@@ -96,7 +96,7 @@ def information_path(profile: PreparedProfile, smoothed: Trajectory, filtered: C
     if run is not None and (profile.is_slow or _follows_rates(profile, smoothed, run)):
         return run
     path = filtered()
-    gliding, forces = _run_along(profile, smoothed, turning=path)
+    gliding, forces = _steered_states(profile, smoothed, turning=path)
     if not (_distances(profile, smoothed, gliding)[1] <= _MAX_RATE_DIFFERENCE and _keeps_speed(smoothed, gliding)):
         return path
     states, disturbances = path.states[:, SENSED], path.disturbances[:-1].copy()
@@ -110,7 +110,7 @@ def run_along(profile: PreparedProfile, smoothed: Trajectory) -> Trajectory | No
     The run contains hardly any noise of the record. It has the path's mean surge force, heave force and pitch moment of
     each dive and each climb, and moving means of the other disturbances.
     """
-    run, disturbances = _run_along(profile, smoothed)
+    run, disturbances = _steered_states(profile, smoothed)
     return _trajectory(smoothed, run, disturbances) if _keeps_speed(smoothed, run) else None
 
 
@@ -143,7 +143,7 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts |
     width = round(_STRETCH_LENGTH / profile.series.step)
     if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or used.sum() < width:
         return None
-    run, _ = _run_along(profile, filtered)
+    run, _ = _steered_states(profile, filtered)
     squares = _squared_differences(profile, filtered, run)[used]
     stretches = squares[: len(squares) // width * width].reshape(-1, width, 3).mean(axis=1)
     roll, _, yaw = np.sqrt(np.median(stretches, axis=0))
@@ -152,7 +152,9 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts |
     return RollingGusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _MIN_BURST_RATIO * yaw))
 
 
-def _run_along(profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None) -> tuple[Array, Array]:
+def _steered_states(
+    profile: PreparedProfile, path: Trajectory, turning: Trajectory | None = None
+) -> tuple[Array, Array]:
     """Sensed states ``(n+1, 10)`` and disturbances ``(n, 6)`` of a run along a path, or turning along another one."""
     step, steps = profile.series.step, len(profile.bodies)
     run = path.states[:, SENSED].copy()
