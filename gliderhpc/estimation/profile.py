@@ -115,21 +115,15 @@ def estimate_profile(
     ((_, profile),), (filtered,) = run_filters_around_rests([(None, profile)], settings)
     if isinstance(filtered, ProfileError):
         raise filtered
-    smoothed = run_smoother(profile, filtered, settings) if _from_smoothed(profile, settings) else None
-    solution = invert_windows(profile, filtered, settings, _start(profile, smoothed, settings))
+    smoothed = run_smoother(profile, filtered, settings) if settings.starts_from == "smoothed" else None
+    solution = invert_windows(profile, filtered, settings, _start(smoothed, settings))
     on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=with_hull)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
-def _from_smoothed(profile: PreparedProfile, settings: EstimationSettings) -> bool:
-    return settings.starts_from(profile.glider.platform, profile.series.attitude_interval) == "smoothed"
-
-
-def _start(
-    profile: PreparedProfile, smoothed: SmoothedEstimate | None, settings: EstimationSettings
-) -> StartingPath | None:
+def _start(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> StartingPath | None:
     """Return the smoothed path if the windows start from it, None if they start from the filter's disturbance."""
-    if smoothed is None or not smoothed.outcome.usable or not _from_smoothed(profile, settings):
+    if smoothed is None or not smoothed.outcome.usable or settings.starts_from != "smoothed":
         return None
     return StartingPath(smoothed.disturbances, smoothed.states)
 
@@ -281,8 +275,8 @@ def _pose_profile(
 ) -> tuple[_Work[Key], ProfileProblem]:
     """Pose the windows of a filtered profile, after smoothing it if they start from that path; add the time."""
     began, settings = time.perf_counter(), options.settings
-    smoothed = run_smoother(profile, filtered, settings) if _from_smoothed(profile, settings) else None
-    problem = pose_windows(profile, filtered, settings, _start(profile, smoothed, settings))
+    smoothed = run_smoother(profile, filtered, settings) if settings.starts_from == "smoothed" else None
+    problem = pose_windows(profile, filtered, settings, _start(smoothed, settings))
     smoothing: Callable[[], _Smoothing]
     smoothing = partial(smooth_profile, profile, filtered, settings, smoothed, with_hull=options.with_hull)
     if options.threads is not None:

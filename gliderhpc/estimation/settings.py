@@ -151,7 +151,7 @@ class EstimationSettings(Settings):
     start: Literal["prior", "smoothed"] | None = Field(
         None,
         description="path from which the windows start, the filter's or the smoother's; default smoothed "
-        "(recommended), prior (paper, and slow sensors on a hull without its own prior)",
+        "(recommended), prior (paper)",
     )
     step: float = Field(0.1, ge=1e-3, le=0.25, description="integration step and disturbance interval h, s")
     output_interval: float = Field(1.0, gt=0, description="interval of the record axis, s; a multiple of the step")
@@ -196,15 +196,12 @@ class EstimationSettings(Settings):
             return self.optimizer.tolerance
         return 5e-4 if self.transformed else 1e-3
 
-    def starts_from(self, platform: Platform, interval: float = 0.0) -> Literal["prior", "smoothed"]:
-        """Path from which a record's windows start: the setting, else by preset and interval (`default_prior`).
-
-        Hulls with slow sensors usually have not been tuned. Their errors then affect the smoothed path so much that it
-        is no better a start than the filter's estimate (docs/estimators.md).
-        """
+    @property
+    def starts_from(self) -> Literal["prior", "smoothed"]:
+        """Path from which the windows start: the setting, else by preset."""
         if self.start is not None:
             return self.start
-        return "smoothed" if self.transformed and not is_slow_and_untuned(platform, interval) else "prior"
+        return "smoothed" if self.transformed else "prior"
 
     def window_length(self, sample_interval: float) -> float:
         """Window length T_seg in s: the setting, else 30 s, or six sample intervals where those exceed 5 s."""

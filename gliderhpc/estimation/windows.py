@@ -155,6 +155,8 @@ class ProfileProblem:
         Sensed states of the path with that disturbance. If it is given, each window starts from a state of the path,
         and the solutions are joined (`gliderhpc.estimation.joining`); if not, each starts from the end of the previous
         window.
+    from_smoothed : bool
+        Whether the disturbance from which the windows start is the smoother's.
     """
 
     profile: PreparedProfile
@@ -162,6 +164,7 @@ class ProfileProblem:
     start: Array
     plan: WindowPlan
     path: Array | None = None
+    from_smoothed: bool = False
 
     @cached_property
     def samples_before(self) -> NDArray[np.int64]:
@@ -179,11 +182,17 @@ class StartingPath(NamedTuple):
 def pose_windows(
     profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings, start: StartingPath | None = None
 ) -> ProfileProblem:
-    """Pose the windows of a filtered profile; they start from the filter's disturbance if no path is given."""
+    """Pose the windows of a filtered profile; they start from the filter's disturbance if no path is given.
+
+    Windows of a slow record take only the disturbance from the path, and each starts from the end of the previous one.
+    The path's states are farther from the record than that end, and a search from them takes more iterations. Many
+    windows are halved too, so that those that were solved ahead from the path would be dropped.
+    """
     plan = plan_windows(settings, profile.series.sample_interval, filtered.prior)
     if start is None:
         return ProfileProblem(profile, filtered, starting_disturbance(filtered, profile.series, settings), plan)
-    return ProfileProblem(profile, filtered, start.disturbances, plan, start.states[:, SENSED])
+    path = None if profile.is_slow else start.states[:, SENSED]
+    return ProfileProblem(profile, filtered, start.disturbances, plan, path, from_smoothed=True)
 
 
 @dataclass(frozen=True)
@@ -216,8 +225,8 @@ class ProfileSolution:
         Number of the window whose solution is used at each step.
     seconds : float
         Computing time, s; the profile's share if several are solved at the same time.
-    from_path : bool
-        Whether the windows started from a path.
+    from_smoothed : bool
+        Whether the windows started from the smoother's disturbance.
     """
 
     disturbances: Array
@@ -225,7 +234,7 @@ class ProfileSolution:
     windows: tuple[WindowRecord, ...]
     source: NDArray[np.int64]
     seconds: float = 0.0
-    from_path: bool = False
+    from_smoothed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +310,7 @@ def window_sequence(problem: ProfileProblem) -> Generator[PosedWindow, WindowSol
         if solution.outcome == Outcome.CONVERGED:
             length.count_converged()
     disturbances, states = joined.trajectory()
-    return ProfileSolution(disturbances, states, tuple(records), joined.source, from_path=problem.path is not None)
+    return ProfileSolution(disturbances, states, tuple(records), joined.source, from_smoothed=problem.from_smoothed)
 
 
 def windows_ahead(problem: ProfileProblem, window: PosedWindow, *, below_threshold: bool) -> Iterator[PosedWindow]:

@@ -93,7 +93,7 @@ def tracks_of(estimate: ProfileEstimate, motion: SelfMotion, conventional: SelfM
     series, smoothed = estimate.series, estimate.smoothed
     cycles, with_hull = cycles_of(series), by_hull and estimate.hull is not None
     filtered = None
-    if estimate.solution.from_path:
+    if estimate.solution.from_smoothed:
         filter_motion = model_motion(estimate.filtered.states, estimate.vibrating, series.step)
         filtered = track_of(series, filter_motion, cycles)
     return Tracks(

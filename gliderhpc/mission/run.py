@@ -228,7 +228,7 @@ def archive_attributes(observations: Observations, platform: Platform, settings:
         "settings": settings.model_dump(mode="json"),
         "preset": settings.preset,
         "engine": settings.engine,
-        "start": settings.starts_from(platform),
+        "start": settings.starts_from,
         "step": settings.step,
         "output_interval": settings.output_interval,
         "software_version": __version__,

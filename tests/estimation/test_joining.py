@@ -23,7 +23,7 @@ def path_problem(steps, plan=None, **options):
     """Return a dive whose windows start from the flown path, without disturbance."""
     problem = dive_problem(steps, plan, **options)
     states = problem.filtered.states - np.array([0, 0, 0, 50.0, -80.0, 0.01, 0.001, 0, 0, 0, 0, 0])
-    return replace(problem, start=np.zeros((steps, 6)), path=states[:, SENSED])
+    return replace(problem, start=np.zeros((steps, 6)), path=states[:, SENSED], from_smoothed=True)
 
 
 def flown(states, disturbances, steps):
@@ -44,7 +44,7 @@ def test_windows_of_a_path_start_from_its_states():
     assert spans(solution) == [(0, 300, True), (200, 500, False), (500, 700, False)]
     for window, state in zip(solution.windows, solver.states0, strict=True):
         np.testing.assert_array_equal(state, problem.path[window.start])
-    assert solution.from_path
+    assert solution.from_smoothed
     np.testing.assert_array_equal(solution.source, np.repeat([0, 1, 2], [200, 300, 200]))
 
 

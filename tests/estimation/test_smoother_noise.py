@@ -175,7 +175,6 @@ def test_slow_records_of_a_hull_with_fast_sensors_are_treated_as_those_of_slow_s
     assert [default_prior(p, interval=8.0) for p in (quick, own)] == [default_prior(slow), own.prior]
     assert candidate_priors(quick, interval=8.0) == candidate_priors(slow)
     assert smoother_prior(quick, default_prior(quick), interval=8.0) == SLOW_RECORD
-    assert EstimationSettings().starts_from(quick, interval=8.0) == "prior"
     assert default_prior(quick, interval=1.0) == default_prior(quick)
 
 

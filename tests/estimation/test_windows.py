@@ -13,12 +13,20 @@ from gliderhpc.estimation.engines import WindowProblem, solve_window
 from gliderhpc.estimation.preparation import prepare_profile
 from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile
+from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.window_plan import WindowPlan, plan_windows, transform_scale
-from gliderhpc.estimation.windows import WindowSolution, solve_profile, starting_disturbance
+from gliderhpc.estimation.windows import (
+    StartingPath,
+    WindowSolution,
+    pose_windows,
+    solve_profile,
+    starting_disturbance,
+)
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.outcomes import Outcome
-from gliderhpc.platform import DisturbancePrior
+from gliderhpc.platform import DisturbancePrior, read_platform
+from gliderhpc.simulator import load_scenario, simulate_profile
 
 pytestmark = pytest.mark.compiled
 
@@ -94,6 +102,34 @@ def test_windows_start_from_the_filter_and_its_slow_lateral_part(twin):
     middle = slice(5000 - 600, 5000 + 601)
     np.testing.assert_allclose(recommended[5000, [1, 3, 5]], filtered[middle][:, [1, 3, 5]].mean(axis=0), atol=1e-9)
     assert recommended[:, 5].std() < 0.5 * filtered[:, 5].std()
+
+
+def test_windows_of_a_slow_record_start_from_the_smoothed_disturbance():
+    """From the filter's, they kept a heave force of newtons after turns in gusts, on the true hull."""
+    hull, settings = read_platform("slocum"), EstimationSettings(step=0.25)
+    record, truth = simulate_profile(hull, load_scenario("paper").replaced({"depth": 150.0, "depth_spread": 0.0}), 2)
+    profile = prepare_profile(Glider(hull), on_steps(record, settings, hull))
+    time = profile.series.time[:-1]
+    steady = ~profile.vibrating[:-1] & (time > 60.0) & (time < truth.time[-1])
+    true = truth.disturbances[np.minimum((time / truth.step).astype(int), len(truth.disturbances) - 1), 2]
+    errors = {}
+    for start in ("smoothed", "prior"):
+        solution = estimate_profile(profile, settings.model_copy(update={"start": start})).solution
+        assert solution.from_smoothed == (start == "smoothed")
+        errors[start] = np.sqrt(np.mean((solution.disturbances[:, 2] - true)[steady] ** 2))
+    assert errors["smoothed"] < 0.5 * errors["prior"]
+
+
+def test_windows_of_a_path_start_from_its_states_in_fast_records_alone():
+    problem = dive_problem(700)
+    path = StartingPath(problem.start, problem.filtered.states)
+    posed = [
+        pose_windows(replace(problem.profile, series=replace(problem.profile.series, attitude_interval=interval)),
+                     problem.filtered, EstimationSettings(), path)
+        for interval in (1.0, 20.0)
+    ]  # fmt: skip
+    assert [each.path is None for each in posed] == [False, True]
+    assert all(each.from_smoothed and each.start is path.disturbances for each in posed)
 
 
 # Handover, with a scripted solver

@@ -19,7 +19,6 @@ from gliderhpc.estimation.current_errors import CurrentErrors, Drift, current_un
 from gliderhpc.estimation.currents import surface_drift
 from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import prepare_profile
-from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.profile import estimate_profile, estimate_profiles
 from gliderhpc.estimation.quality import remarks
 from gliderhpc.estimation.settings import EstimationSettings
@@ -276,7 +275,7 @@ def test_a_hull_assumed_exact_adds_no_uncertainty(prepared, smoothed):
 def test_the_smoother_leaves_the_adjoint_alone(brief, brief_store):
     """Windows and filter in the archive equal those of a single profile whose smoother computes only a path."""
     alone = estimate_profile(prepare_profile(GLIDER, profile_series(brief, 1, SETTINGS)), SETTINGS)
-    assert alone.solution.from_path
+    assert alone.solution.from_smoothed
     assert alone.hull is None
     with xr.open_datatree(brief_store, engine="zarr") as tree:
         stored, prior = (tree[name].ds.sel(profile=1).load() for name in ("series", "prior"))
@@ -408,13 +407,10 @@ def test_the_start_is_an_option_and_a_setting(brief, tmp_path):
     assert "'prior' or 'smoothed'" in refused.line
 
 
-def test_the_start_follows_preset_and_sensors(brief_store):
-    slow = PETREL.model_copy(update={"sensors": PETREL.sensors.model_copy(update={"sample_interval": 20.0})})
-    tuned = slow.model_copy(update={"prior": default_prior(slow)})
-    paper, prior = EstimationSettings(preset="paper"), EstimationSettings(start="prior")
-    assert [SETTINGS.starts_from(hull) for hull in (PETREL, slow, tuned)] == ["smoothed", "prior", "smoothed"]
-    assert [settings.starts_from(PETREL) for settings in (paper, prior)] == ["prior", "prior"]
-    assert EstimationSettings(start="smoothed").starts_from(slow) == "smoothed"
+def test_the_start_follows_the_preset(brief_store):
+    chosen = [EstimationSettings(preset=preset, start=start).starts_from for preset in ("recommended", "paper")
+              for start in (None, "prior", "smoothed")]  # fmt: skip
+    assert chosen == ["smoothed", "prior", "smoothed", "prior", "prior", "smoothed"]
     attributes = dict(zarr.open_group(brief_store, mode="r").attrs)
     assert (attributes["settings"]["start"], attributes["start"]) == (None, "smoothed")
 
