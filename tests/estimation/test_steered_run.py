@@ -9,13 +9,14 @@ from gliderhpc.estimation.filter import run_filter
 from gliderhpc.estimation.preparation import controls_of, prepare_profile
 from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
-from gliderhpc.estimation.smoother import information, iterate
+from gliderhpc.estimation.smoother import information, iterate, steered_run
 from gliderhpc.estimation.smoother.information import smoothed_hull_information
 from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory, starting_trajectory
 from gliderhpc.estimation.smoother.steered_run import find_gusts, information_path
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, hull_parameters, moved_platform, with_values
+from gliderhpc.kernels.follow import follow
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_profile
 from gliderhpc.simulator.scenario import load_scenario
@@ -96,6 +97,20 @@ def test_no_run_represents_a_dive_whose_speed_it_does_not_keep(calm):
     fast[:, 6] *= 2.0
     filtered = Trajectory(path.states + 0.001, path.disturbances)
     assert information_path(profile, Trajectory(fast, path.disturbances), lambda: filtered) is filtered
+
+
+def test_a_run_in_which_any_state_diverges_is_not_used(calm, monkeypatch):
+    """The speed can stay finite while the roll diverges; the information about such a run was not finite."""
+    profile, _, path = calm
+
+    def diverging(hull, bodies, disturbances, step, turning_rate, gliding_rate, states):
+        follow(hull, bodies, disturbances, step, turning_rate, gliding_rate, states)
+        states[len(states) // 2 :, 0] = np.inf
+
+    monkeypatch.setattr(steered_run, "follow", diverging)
+    assert steered_run.run_along(profile, path) is None
+    filtered = Trajectory(path.states + 0.001, path.disturbances)
+    assert information_path(profile, path, lambda: filtered) is filtered
 
 
 def errors_about(path, profile, smoothed, monkeypatch):

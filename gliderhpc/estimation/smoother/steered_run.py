@@ -181,7 +181,9 @@ def _trajectory(path: Trajectory, run: Array, disturbances: Array) -> Trajectory
 
 
 def _keeps_speed(path: Trajectory, run: Array) -> bool:
-    """Return whether the run is about as fast as the path; False if it diverges."""
+    """Return whether the run is about as fast as the path; False if any of its states diverges."""
+    if not np.isfinite(run).all():
+        return False
     speed = path.states[:, SENSED][:, _SPEED]
     with np.errstate(over="ignore", invalid="ignore"):
         return bool(np.mean((run[:, _SPEED] - speed) ** 2) <= _MAX_SPEED_DIFFERENCE**2 * np.mean(speed**2))
