@@ -69,18 +69,23 @@ def noise_of_record(platform: Platform, series: ProfileSeries) -> Array:
     """
     if series.sample_interval > SLOW_SENSORS_PRIOR:
         return np.zeros(4)
-    rows = np.flatnonzero(recorded_samples(series) & ~vibration_set(platform, series))
-    if len(rows) <= _ORDER:
-        return np.zeros(4)
-    intervals = np.diff(rows)
-    usual = np.abs(intervals / np.median(intervals) - 1.0) <= _EQUAL_INTERVALS
-    even = np.convolve(usual, np.ones(_ORDER), "valid") > _ORDER - 0.5
-    differences = np.diff(series.measurements[rows], _ORDER, axis=0)[even]
+    differences = sample_differences(series, ~vibration_set(platform, series), _ORDER)
     if len(differences) < _MIN_DIFFERENCES:
         return np.zeros(4)
     variance = (np.median(np.abs(differences), axis=0) / _NORMAL_MEDIAN) ** 2 / comb(2 * _ORDER, _ORDER)
     variance[0] = min(variance[0], max(variance[1], variance[2]))
     return np.asarray(variance)
+
+
+def sample_differences(series: ProfileSeries, used: NDArray[np.bool_], order: int) -> Array:
+    """Differences ``(m, 4)`` of an order between successive samples, on rows used, where their intervals are equal."""
+    rows = np.flatnonzero(recorded_samples(series) & used)
+    if len(rows) <= order:
+        return np.empty((0, 4))
+    intervals = np.diff(rows)
+    usual = np.abs(intervals / np.median(intervals) - 1.0) <= _EQUAL_INTERVALS
+    even = np.convolve(usual, np.ones(order), "valid") > order - 0.5
+    return np.asarray(np.diff(series.measurements[rows], order, axis=0)[even])
 
 
 def rounding_of_record(series: ProfileSeries) -> Array:

@@ -52,7 +52,7 @@ _SEGMENT_DURATION = 0.5
 _SEGMENTS_PER_MEAN_SHIFT = 5
 """Number of segments with a common mean shift, an odd number; one for each segment would take half of a pass's time."""
 _SWAY, _YAW = (list(CHANNELS).index(name) for name in ("B_cv", "B_cr"))
-_GUST_FACTORS = np.array([100.0, 1.0, 1.0, 1.0])
+_GUST_FACTORS = np.array([3000.0, 1.0, 1.0, 1.0])
 """Factors on the variances of roll, pitch, heading and depth where gusts roll the glider."""
 _SHARED = 1.0 / 3.0
 """Share of a run of equal samples whose rounding error is assumed to be common; with this value, intervals of the

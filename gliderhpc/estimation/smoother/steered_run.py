@@ -11,10 +11,11 @@ along the smoothed path. It follows the glider, but hardly any noise or gusts. I
 motion of the actuators, which serves as an instrumental variable: their product with the innovations has little bias,
 whatever the noise. Slow records are smoothed about such a run too (`gliderhpc.estimation.smoother.iterate`).
 
-The difference between the turning rates of path and run also shows whether gusts roll the glider.
+The difference between the yaw rates of path and run also shows whether yaw moments act in bursts (`find_gusts`).
 """
 
 from collections.abc import Callable
+from math import comb
 
 import numpy as np
 import scipy
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.priors import SLOW_SENSORS_PRIOR
+from gliderhpc.estimation.sensor_noise import sample_differences, sample_variance
 from gliderhpc.estimation.smoother.problem import RollingGusts, Trajectory
 from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels.follow import follow
@@ -53,9 +55,10 @@ the filter's path is."""
 _MAX_SPEED_DIFFERENCE = 0.25
 """Largest difference of the speeds, relative to the speed, for a run that represents the profile."""
 
-_MIN_ROLL_DIFFERENCE = 0.6
-"""Typical difference of roll rates, in the same units, that shows gusts. About the filter's path it was at most 0.5 on
-twins in calm water and in yaw impulses, and 0.75 to 2.4 in gusts."""
+_MIN_ROLL_SCATTER = 1.25
+"""Typical second difference of the roll's samples, relative to that of noise, that shows gusts. On twins of eight hulls
+it was at most 1.16 in calm water, internal waves and yaw impulses, at least 1.22 in gusts of 5 mm/s, and at least 1.4 in
+gusts of 7 mm/s."""
 
 _MIN_BURST_RATIO = 1.6
 """Ratio of the root mean square difference of yaw rates to the typical one that shows impulses between quiet stretches.
@@ -120,7 +123,7 @@ def _follows_rates(profile: PreparedProfile, path: Trajectory, run: Trajectory) 
 
 
 def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts | None:
-    """Return the gusts that roll the glider: its roll rate differs from the run's, typically more than its yaw rate.
+    """Return the gusts that roll the glider: its roll changes from sample to sample by more than the sensor's noise.
 
     Parameters
     ----------
@@ -135,21 +138,34 @@ def find_gusts(profile: PreparedProfile, filtered: Trajectory) -> RollingGusts |
 
     Notes
     -----
-    On twins a yaw moment turns the glider twice as fast as it rolls it, and gusts from the side roll it twice as fast
-    as they turn it. Yaw impulses last for seconds. The median over short stretches shows the gusts between them.
+    On twins, gusts of 5 mm/s are enough to make the speed of the true hull wrong by several of its deviations. The
+    difference of the path's roll rate from the run's does not show them, because the filter smooths it; the samples do.
+    Yaw impulses, which roll the glider too, last for seconds, and the median over short stretches excludes them.
     """
     sensors = profile.glider.platform.sensors
     used = ~profile.vibrating & (filtered.states[:, _DEPTH] > _MIN_DEPTH)
     width = round(_STRETCH_LENGTH / profile.series.step)
     if max(profile.series.sample_interval, sensors.sample_interval) > SLOW_SENSORS_PRIOR or used.sum() < width:
         return None
+    if roll_scatter(profile, used) <= _MIN_ROLL_SCATTER:
+        return None
     run, _ = _steered_states(profile, filtered)
     squares = _squared_differences(profile, filtered, run)[used]
-    stretches = squares[: len(squares) // width * width].reshape(-1, width, 3).mean(axis=1)
-    roll, _, yaw = np.sqrt(np.median(stretches, axis=0))
-    if not (roll > _MIN_ROLL_DIFFERENCE and roll > yaw):
-        return None
-    return RollingGusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _MIN_BURST_RATIO * yaw))
+    stretches = squares[: len(squares) // width * width, 2].reshape(-1, width).mean(axis=1)
+    typical = np.sqrt(np.median(stretches))
+    return RollingGusts(with_bursts=bool(np.sqrt(squares[:, 2].mean()) > _MIN_BURST_RATIO * typical))
+
+
+def roll_scatter(profile: PreparedProfile, used: NDArray[np.bool_]) -> float:
+    """Typical second difference between samples of the roll on rows used, relative to that of the sensor's noise."""
+    series = profile.series
+    differences = sample_differences(series, used, 2)[:, 0]
+    length = max(1, round(_STRETCH_LENGTH / series.sample_interval))
+    if len(differences) < length:
+        return 0.0
+    stretches = differences[: len(differences) // length * length].reshape(-1, length)
+    noise = comb(4, 2) * sample_variance(profile.glider.platform, series)[0]
+    return float(np.sqrt(np.median((stretches**2).mean(axis=1)) / noise))
 
 
 def _steered_states(
