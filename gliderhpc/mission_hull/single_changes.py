@@ -364,26 +364,34 @@ def size_likelihood(
         Course of the change over the profiles.
     """
     belief, evidence = prior, 0.0
-    candidates, sizes = len(shapes), len(parameters)
-    sensitivity = np.zeros((len(prior.mean), candidates, sizes))
+    # Until its change begins, a candidate adds nothing: those that have begun come first.
+    begins = np.argmax(shapes != 0.0, axis=1)
+    order = np.argsort(begins, kind="stable")
+    begun = np.searchsorted(begins[order], np.arange(len(terms)), side="right")
+    count, candidates, sizes = len(prior.mean), len(shapes), len(parameters)
+    sensitivity, seen = np.zeros((2, candidates, sizes, count))
     score, information = np.zeros((candidates, sizes)), np.zeros((candidates, sizes, sizes))
-    for number, term in enumerate(terms):
+    for number, (term, active) in enumerate(zip(terms, begun.tolist(), strict=True)):
         if number:
             belief = changes[number - 1].applied(belief)
-            sensitivity = changes[number - 1].decay[:, None, None] * sensitivity
+            sensitivity[:active] *= changes[number - 1].decay
         # Derivative of the unknowns at this profile with respect to the sizes, relative to that of the filter's mean.
-        seen = sensitivity.copy()
+        seen[:active] = sensitivity[:active]
         for k, parameter in enumerate(parameters):
-            seen[parameter, :, k] += shapes[:, number]
+            seen[:active, k, parameter] += shapes[order[:active], number]
         missing = term.vector - term.matrix @ belief.mean
         after, gained = belief.updated(term)
         evidence += float(gained)
-        believed = term.matrix - term.matrix @ after.covariance @ term.matrix
-        score += np.tensordot(missing - term.matrix @ (after.covariance @ missing), seen, axes=1)
-        information += np.einsum("pmk,pml->mkl", seen, np.tensordot(believed, seen, axes=1))
-        sensitivity -= np.tensordot(after.covariance @ term.matrix, seen, axes=1)
+        gain = after.covariance @ term.matrix
+        # One product of matrices, which is much faster than one for every candidate.
+        flat = seen[:active].reshape(-1, count)
+        score[:active] += (flat @ (missing - gain.T @ missing)).reshape(active, sizes)
+        believed = (flat @ (term.matrix - term.matrix @ gain)).reshape(active, sizes, count)
+        information[:active] += believed @ seen[:active].mT
+        sensitivity[:active] -= (flat @ gain.T).reshape(active, sizes, count)
         belief = after
-    return SizeLikelihood(score, information, evidence)
+    place = np.argsort(order)
+    return SizeLikelihood(score[place], information[place], evidence)
 
 
 def _mixture(assumptions: Sequence[Sequence[_Candidates]], onsets: int) -> ErrorChange:
