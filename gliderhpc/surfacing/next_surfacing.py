@@ -347,14 +347,14 @@ def _observations(dives: xr.Dataset, fix_error: float, offset: Array, scatter: f
         surface = max(_seconds_between_fixes(dives, dive) - duration, 0.0)
         variance = 2.0 * fix_error**2 + (scatter * surface) ** 2
         velocity = np.array([float(_value(dives, f"dac_{side}_smoothed", dive)) for side in ("north", "east")])
-        observations.append([CurrentObservation(begin, end, velocity, variance / duration**2 * np.eye(2))])
+        observations.append([CurrentObservation(begin, end, velocity, variance / duration**2)])
         time = float(_value(dives, "exit_surface_time", dive))
         later = starts[dive + 1] if dive + 1 < len(starts) else np.inf
         if time > 0.0 and end <= exits[dive] <= later:
             drifted = np.array([float(_value(dives, f"exit_surface_{side}", dive)) for side in ("north", "east")])
             drift = drifted / time - offset
             variance = scatter**2 + 2.0 * (fix_error / time) ** 2
-            observations[-1].append(CurrentObservation(exits[dive], exits[dive], drift, variance * np.eye(2)))
+            observations[-1].append(CurrentObservation(exits[dive], exits[dive], drift, variance))
     return observations
 
 

@@ -7,7 +7,8 @@ Each component of the current is a constant mean plus a Gauss-Markov process plu
 
 A depth-averaged current is the average of :math:`u` over a dive, a surface drift is :math:`u` at an instant. The states
 of the filter include the integral of :math:`u`, which makes both observations exact. The same integral predicts the
-displacement of the water. North and east have the same process and are coupled by the observations' covariances.
+displacement of the water. North and east are independent, with the same process and the same errors of observation, so
+that one covariance serves both.
 
 Deviation, correlation time and tidal amplitude are unknown. The filter runs for a grid of them at once, and the
 prediction is the average over the grid, weighted by posterior probability. The prior probability of no tide is one
@@ -34,16 +35,8 @@ _USUAL_DEVIATION, _USUAL_HOURS, _SPREAD = 0.08, 24.0, 1.0
 """Centre of the prior of deviation and correlation time, and its standard deviation in the logarithm."""
 
 
-_INTEGRAL = slice(4, 6)
-"""Indices of the integral, north and east, among the states."""
-
-
-def _for_both_components(component: Array) -> Array:
-    """Matrices for north and east, interleaved, from those of one component ``(..., n, n)``."""
-    *batch, rows, columns = component.shape
-    full = np.zeros((*batch, rows, 2, columns, 2))
-    full[..., 0, :, 0] = full[..., 1, :, 1] = component
-    return full.reshape(*batch, 2 * rows, 2 * columns)
+_INTEGRAL = 2
+"""Index of the integral among the states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +79,9 @@ class CurrentProcess:
         return variances
 
     def transition(self, elapsed: float) -> tuple[Array, Array]:
-        """Return the transition matrix and the noise covariance, (..., 2 size, 2 size) each.
+        """Return the transition matrix and the noise covariance of one component, (..., size, size) each.
 
-        The states are mean, Gauss-Markov part, integral, and cosine and sine of each line, each north and east.
+        The states are mean, Gauss-Markov part, integral, and cosine and sine of each line.
         """
         tau, deviation = np.broadcast_arrays(self.correlation_time, self.deviation)
         variance, decay, lost = deviation**2, np.exp(-elapsed / tau), -np.expm1(-elapsed / tau)
@@ -102,7 +95,7 @@ class CurrentProcess:
         noise[..., 1, 1] = variance * (1.0 - decay**2)
         noise[..., 1, 2] = noise[..., 2, 1] = variance * tau * lost**2
         noise[..., 2, 2] = variance * tau**2 * np.maximum(2.0 * elapsed / tau - 3.0 + 4.0 * decay - decay**2, 0.0)
-        return _for_both_components(moves), _for_both_components(noise)
+        return moves, noise
 
     @staticmethod
     def _add_line(moves: Array, at: int, frequency: float, elapsed: float) -> None:
@@ -122,14 +115,14 @@ class CurrentObservation:
         Interval, s.
     velocity : (2,) array
         Observed current, north and east, m/s.
-    covariance : (2, 2) array
-        Covariance of its error, m2/s2.
+    variance : float
+        Variance of its error, north and east each, m2/s2.
     """
 
     begin: float
     end: float
     velocity: Array
-    covariance: Array
+    variance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +135,10 @@ class CurrentState:
         Process of the current.
     time : float
         Time, s.
-    mean, covariance : (..., n), (..., n, n) arrays
-        Mean and covariance of the states of `CurrentProcess.transition`, n = 2 `CurrentProcess.size`.
+    mean : (..., n, 2) array
+        Means of the n = `CurrentProcess.size` states of `CurrentProcess.transition`, north and east.
+    covariance : (..., n, n) array
+        Their covariance, the same for north and east.
     log_likelihood : float or (...,) array
         Log-likelihood of the observations.
     """
@@ -157,20 +152,19 @@ class CurrentState:
     @classmethod
     def initial(cls, process: CurrentProcess, time: float) -> "CurrentState":
         """Distribution before any observation."""
-        variances = np.repeat(process.initial_variances, 2, axis=-1)
-        return cls(process, time, np.zeros_like(variances), variances[..., None] * np.eye(variances.shape[-1]))
+        variances = process.initial_variances
+        return cls(process, time, np.zeros((*variances.shape, 2)), variances[..., None] * np.eye(process.size))
 
     def at(self, time: float) -> "CurrentState":
         """Distribution at a later time."""
         moves, noise = self.process.transition(time - self.time)
         covariance = moves @ self.covariance @ np.swapaxes(moves, -1, -2) + noise
-        mean = (moves @ self.mean[..., None])[..., 0]
-        return CurrentState(self.process, time, mean, covariance, self.log_likelihood)
+        return CurrentState(self.process, time, moves @ self.mean, covariance, self.log_likelihood)
 
     def restarted(self) -> "CurrentState":
         """Distribution with an integral that starts from zero at this time."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[..., _INTEGRAL] = covariance[..., _INTEGRAL, :] = covariance[..., _INTEGRAL] = 0.0
+        mean[..., _INTEGRAL, :] = covariance[..., _INTEGRAL, :] = covariance[..., _INTEGRAL] = 0.0
         return CurrentState(self.process, self.time, mean, covariance, self.log_likelihood)
 
     def observed(self, observation: CurrentObservation) -> "CurrentState":
@@ -185,26 +179,25 @@ class CurrentState:
             raise ValueError(f"observation from {observation.begin} s, but the filter is already at {self.time} s")
         ahead = self.at(observation.begin)
         length = observation.end - observation.begin
-        weights = np.zeros((1, self.process.size))
+        weights = np.zeros(self.process.size)
         if length > 0.0:
             ahead = ahead.restarted().at(observation.end)
-            weights[0, 2] = 1.0 / length
+            weights[_INTEGRAL] = 1.0 / length
         else:
-            weights[0, :2] = weights[0, 3::2] = 1.0
-        return ahead._updated(_for_both_components(weights), observation)
+            weights[:_INTEGRAL] = weights[_INTEGRAL + 1 :: 2] = 1.0
+        return ahead._updated(weights, observation)
 
-    def _updated(self, sees: Array, observation: CurrentObservation) -> "CurrentState":
-        innovation = observation.velocity - self.mean @ sees.T
-        variance = sees @ self.covariance @ sees.T + observation.covariance
-        gain = np.swapaxes(np.linalg.solve(variance, sees @ self.covariance), -1, -2)
-        rest = np.eye(self.mean.shape[-1]) - gain @ sees
+    def _updated(self, weights: Array, observation: CurrentObservation) -> "CurrentState":
+        innovation = observation.velocity - weights @ self.mean
+        covariances = self.covariance @ weights
+        variance = covariances @ weights + observation.variance
+        gain = covariances / variance[..., None]
+        rest = np.eye(self.process.size) - gain[..., None] * weights
         # Joseph's form stays positive definite for an accurate observation and a wide prior.
         covariance = rest @ self.covariance @ np.swapaxes(rest, -1, -2)
-        covariance += gain @ observation.covariance @ np.swapaxes(gain, -1, -2)
-        scaled = np.linalg.solve(variance, innovation[..., None])
-        square = np.sum(innovation * scaled[..., 0], axis=-1)
-        term = -0.5 * (square + np.linalg.slogdet(2.0 * np.pi * variance)[1])
-        mean = self.mean + (gain @ innovation[..., None])[..., 0]
+        covariance += observation.variance * gain[..., None] * gain[..., None, :]
+        term = -0.5 * np.sum(innovation**2, axis=-1) / variance - np.log(2.0 * np.pi * variance)
+        mean = self.mean + gain[..., None] * innovation[..., None, :]
         return CurrentState(self.process, self.time, mean, covariance, self.log_likelihood + term)
 
     def drift(self, begin: float, end: float) -> tuple[Array, Array]:
@@ -217,11 +210,11 @@ class CurrentState:
 
         Returns
         -------
-        displacement, covariance : (..., 2), (..., 2, 2) arrays
-            Displacement north and east, and its covariance, m and m2.
+        displacement, variance : (..., 2), (...) arrays
+            Displacement north and east, and the variance of each, m and m2.
         """
         ahead = self.at(begin).restarted().at(end)
-        return ahead.mean[..., _INTEGRAL], ahead.covariance[..., _INTEGRAL, _INTEGRAL]
+        return ahead.mean[..., _INTEGRAL, :], ahead.covariance[..., _INTEGRAL, _INTEGRAL]
 
 
 def filtered_states(observations: Sequence[CurrentObservation], process: CurrentProcess) -> Iterator[CurrentState]:
@@ -272,10 +265,10 @@ class Nowcast:
 
     def drift(self, begin: float, end: float) -> tuple[Array, Array]:
         """Predict the water's displacement (2,) over a future interval, m, and its covariance (2, 2), m2."""
-        means, covariances = self.state.drift(begin, end)
+        means, variances = self.state.drift(begin, end)
         mean = self.weights @ means
         misses = means - mean
-        return mean, np.einsum("p,pij->ij", self.weights, covariances + misses[:, :, None] * misses[:, None, :])
+        return mean, self.weights @ variances * np.eye(2) + misses.T @ (self.weights[:, None] * misses)
 
 
 def nowcasts(
