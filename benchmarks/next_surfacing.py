@@ -8,12 +8,12 @@ oscillation that comes and goes, stepped by the minute; half of the missions hav
 course, all displacements have one relative error, as a wrong drag makes it, and the drift at the surface differs from the
 current. The filter knows the tidal periods, but neither inertial motion nor a second correlation time; it runs with and without
 tidal lines. The inversion is left out: the displacement through the water is the true one with that error. In further missions
-one dive in four is ordered to another heading, and the prediction is made with and without this order. For real missions the
-order is replaced by direction and duration of the next dive's displacement through the water.
+one dive in four is ordered to another heading, and the prediction is made with and without this order; in others every dive
+turns. For real missions the order is replaced by direction and duration of the next dive's displacement through the water.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,6 +69,8 @@ DRAG = 0.03
 """Standard deviation of the relative error of a mission's displacements."""
 TURN = 0.25
 """Share of the dives, in missions with turns, that are ordered to a heading 60 to 120 degrees from the last one."""
+SEVERAL = (60.0, 150.0, 240.0, 330.0)
+"""Courses that missions steer in turn, degrees."""
 WIND = 0.05
 """Standard deviation of the drift at the surface about the current, m/s."""
 
@@ -108,14 +110,42 @@ class Mission:
         return fix_after(self.table, place)
 
 
-def headings(seed: int, dives: int, first: float, *, turns: bool) -> Array:
-    """Headings ordered for the dives of a mission (rad)."""
+Headings = Callable[[int, int, float], Array]
+"""Headings ordered for the dives of a mission (rad), from its seed, the number of dives, and the first heading."""
+
+
+def straight(_: int, dives: int, first: float) -> Array:
+    """One heading for all dives."""
+    return np.full(dives, first)
+
+
+def with_turns(seed: int, dives: int, first: float) -> Array:
+    """Turn by 60 to 120 degrees on a share `TURN` of the dives."""
     rng = np.random.default_rng([seed, 1])
-    turning = (rng.uniform(size=dives) < TURN) & turns
+    turning = rng.uniform(size=dives) < TURN
     return first + np.cumsum(turning * rng.choice([-1.0, 1.0], dives) * np.radians(rng.uniform(60.0, 120.0, dives)))
 
 
-def mission(seed: int, dives: int, tidal: bool = True, *, turns: bool = False) -> Mission:
+def alternating(_: int, dives: int, first: float) -> Array:
+    """Steer two courses at a right angle in turn."""
+    return first + 0.5 * np.pi * (np.arange(dives) % 2)
+
+
+def several(_: int, dives: int, first: float) -> Array:
+    """Steer the courses `SEVERAL` in turn."""
+    return first + np.radians(np.resize(SEVERAL, dives))
+
+
+def drawn(seed: int, dives: int, _: float) -> Array:
+    """Draw every course at random."""
+    return np.random.default_rng([seed, 2]).uniform(0.0, 2.0 * np.pi, dives)
+
+
+EVERY_DIVE = {"two courses in turn": alternating, "four courses in turn": several, "random courses": drawn}
+"""Headings of missions that turn at every dive."""
+
+
+def mission(seed: int, dives: int, tidal: bool = True, *, ordered: Headings = straight) -> Mission:
     """Fly one mission."""
     rng = np.random.default_rng(seed)
     lasts, speed, course = rng.uniform(*DIVE), rng.uniform(*SPEED), rng.uniform(0.0, 2.0 * np.pi)
@@ -128,7 +158,7 @@ def mission(seed: int, dives: int, tidal: bool = True, *, turns: bool = False) -
 
     rows = []
     entry = fixed()
-    for heading in headings(seed, dives, course, turns=turns):
+    for heading in ordered(seed, dives, course):
         steps = round(lasts * (1.0 + rng.normal(0.0, SCATTER["duration"])) / STEP)
         angle = heading + np.radians(rng.normal(0.0, SCATTER["course"]))
         length = speed * (1.0 + rng.normal(0.0, SCATTER["speed"])) * steps * STEP
@@ -239,11 +269,22 @@ def rows_of(missions: int) -> Iterator[dict[str, object]]:
 
 def rows_with_turns(missions: int) -> Iterator[dict[str, object]]:
     """Rows of the table of missions with turns: all dives, and those that turn."""
-    flown = [mission(seed, AFTER[-1] + 1, turns=True) for seed in range(FIRST_SEED, FIRST_SEED + missions)]
+    flown = [mission(seed, AFTER[-1] + 1, ordered=with_turns) for seed in range(FIRST_SEED, FIRST_SEED + missions)]
     every = [(one, after) for one in flown for after in AFTER]
     turning = [(one, after) for one, after in every if np.ptp(one.table["heading"].values[after - 1 : after + 1]) > 1.0]
     for name, chosen in {"all": every, "dives after a turn": turning}.items():
         yield {"missions with turns": name, **_summary([misses(one, after, planned=True) for one, after in chosen])}
+
+
+def rows_of_turning(missions: int) -> Iterator[dict[str, object]]:
+    """Rows of the table of missions that turn at every dive, without a plan."""
+    seeds = range(FIRST_SEED, FIRST_SEED + missions)
+    for name, ordered in EVERY_DIVE.items():
+        flown = [mission(seed, AFTER[-1] + 1, ordered=ordered) for seed in seeds]
+        groups = {str(after): [misses(one, after) for one in flown] for after in AFTER}
+        groups["all"] = [found for group in list(groups.values()) for found in group]
+        for dives, found in groups.items():
+            yield {"every dive turns": name, "dives so far": dives, **_summary(found)}
 
 
 def print_table(rows: Sequence[dict[str, object]]) -> None:
@@ -264,6 +305,7 @@ def main() -> None:
         return
     print_table(list(rows_of(options.missions)))
     print_table(list(rows_with_turns(options.missions)))
+    print_table(list(rows_of_turning(options.missions)))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,10 @@ _COMPARED = 20
 _PRIOR_DIFFERENCES, _PRIOR_FRACTION = 3, 0.1
 """Number of prior changes assumed in addition, and their size as a fraction of the displacement."""
 
+_UNEXPECTED = 1.5
+"""Mean square of the prior changes relative to that of the changes so far, where these are larger than a prior one: a
+few changes of heading say little about the size and direction of the next one."""
+
 _GAIN = 0.5
 """Prior standard deviation of the gain about zero."""
 
@@ -62,9 +66,18 @@ def displacement_scatter(displacements: Array, expected: Array) -> Array:
     ----------
     displacements, expected : (n, 2) arrays
         Displacements through the water, and those that `expected_displacements` returns, m.
+
+    Notes
+    -----
+    The prior changes are equally probable in all directions. They are as large as usual, or half as large again as
+    those so far, whichever is more: of a glider that turns at every dive, the next dive may go anywhere.
     """
     differences = (displacements[1:] - expected[:-1])[-_COMPARED:]
-    total = differences.T @ differences + 0.5 * _prior_squares(displacements) * np.eye(2)
+    prior_squares = _prior_squares(displacements)
+    if len(differences):
+        mean_square = float(np.sum(differences**2)) / len(differences)
+        prior_squares = max(prior_squares, _PRIOR_DIFFERENCES * _UNEXPECTED * mean_square)
+    total = differences.T @ differences + 0.5 * prior_squares * np.eye(2)
     return np.asarray(total / (len(differences) + _PRIOR_DIFFERENCES))
 
 

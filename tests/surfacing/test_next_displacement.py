@@ -56,5 +56,9 @@ def test_differences_between_successive_displacements_widen_the_scatter():
     alike = np.tile([300.0, 0.0], (6, 1))
     turned = np.array([[300.0, 0.0], [0.0, 300.0]] * 3)
     assert np.trace(displacement_scatter(turned, turned)) > 10.0 * np.trace(displacement_scatter(alike, alike))
+    # After one turn, three more of one and a half times its mean square, in any direction.
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(displacement_scatter(turned[:2], turned[:2])), 180_000.0 * np.array([2.25, 3.25]) / 4.0
+    )
     # Before any difference is known, a tenth of the displacement.
     assert np.sqrt(np.trace(displacement_scatter(alike[:1], alike[:1]))) == pytest.approx(30.0)

@@ -89,8 +89,7 @@ def test_a_line_is_its_cosine_and_its_integral_the_quadrature():
 def test_a_batch_of_processes_is_each_alone():
     rng = np.random.default_rng(5)
     observations = [
-        CurrentObservation(HOUR * k, HOUR * (k + 0.8), rng.normal(0.0, 0.1, 2), 1e-4)
-        for k in range(0, 30, 2)
+        CurrentObservation(HOUR * k, HOUR * (k + 0.8), rng.normal(0.0, 0.1, 2), 1e-4) for k in range(0, 30, 2)
     ]
     deviations, hours, tidal = np.array([0.04, 0.2]), np.array([5.0, 40.0]), np.array([0.0, 0.1])
     periods = (12.42 * HOUR,)
