@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gliderhpc.flight.glider import Glider, load_platform
     from gliderhpc.mission.settings import MissionSettings
     from gliderhpc.platform import Platform
-    from gliderhpc.report.page import write_report as report
+    from gliderhpc.report.page.report import write_report as report
 
 __all__ = [
     "CalibrationError",

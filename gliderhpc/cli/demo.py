@@ -31,7 +31,8 @@ from gliderhpc.observations.truth import truth_path
 from gliderhpc.output_files import check_folder
 from gliderhpc.platform import Platform
 from gliderhpc.report.accuracy import accuracy_table, render
-from gliderhpc.report.page import ReportFiles, write_mission_page
+from gliderhpc.report.page.mission_page import write_mission_page
+from gliderhpc.report.page.rendering import ReportFiles
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
 from gliderhpc.studies.registry import STUDIES, VALIDATION

@@ -12,7 +12,7 @@ from gliderhpc.report.exports.currents import export_currents
 from gliderhpc.report.exports.deployment import read_deployment
 from gliderhpc.report.exports.og1 import ExportSummary, export_og1
 from gliderhpc.report.exports.og1_vocabulary import SINGLE
-from gliderhpc.report.page import write_report
+from gliderhpc.report.page.report import write_report
 from gliderhpc.store_schema.location import Location
 from gliderhpc.wording import counted
 from gliderhpc.yaml_text import split_assignment

@@ -13,8 +13,8 @@ differences between successive dives tell how much better; a change of the hull 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
+from gliderhpc.distributions import chi_square_quantile
 from gliderhpc.mission_hull.gaussian_chain import Array, Gaussian, Information, times_vector
 
 LEVELS = (0.0, 0.05, 0.12, 0.3, 0.7, 1.6)
@@ -66,8 +66,8 @@ def variance_ratio(terms: Sequence[Information], prior: Gaussian, suspects: Sequ
     solved = np.linalg.solve(covariance[informative], difference[..., None])[..., 0]
     chi_square = np.sum(difference * solved, axis=1)
     freedom = _INDEPENDENT * len(chosen) * len(chi_square)
-    ratio = float(np.median(chi_square)) / float(stats.chi2.median(len(chosen)))
-    return ratio * freedom / float(stats.chi2.ppf(1.0 - _CONFIDENCE, freedom))
+    ratio = float(np.median(chi_square)) / float(chi_square_quantile(0.5, len(chosen)))
+    return ratio * freedom / float(chi_square_quantile(1.0 - _CONFIDENCE, freedom))
 
 
 def with_scatter(term: Information, deviation: Array) -> Information:

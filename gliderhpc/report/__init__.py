@@ -1,7 +1,8 @@
 """Reports: figures and tables of profiles, missions and studies, and the page that shows them.
 
-The package itself can be called: ``gliderhpc.report("m12.zarr", "out")`` calls `gliderhpc.report.page.write_report`. A
-function of that name in `gliderhpc` would be replaced by this package at the first import of one of its modules.
+The package itself can be called: ``gliderhpc.report("m12.zarr", "out")`` calls
+`gliderhpc.report.page.report.write_report`. A function of that name in `gliderhpc` would be replaced by this package at
+the first import of one of its modules.
 """
 
 import sys
@@ -11,7 +12,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gliderhpc.report.page import ReportFiles
+    from gliderhpc.report.page.rendering import ReportFiles
     from gliderhpc.store_schema.location import Location
 
 
@@ -27,8 +28,8 @@ class _Report(ModuleType):
         twins: str | Path | None = None,
         truth: str | Path | None = None,
     ) -> "ReportFiles":
-        """Write one or several archives as HTML pages; parameters as in `gliderhpc.report.page.write_report`."""
-        from gliderhpc.report.page import write_report
+        """Write one or several archives as HTML pages; parameters as in `gliderhpc.report.page.report.write_report`."""
+        from gliderhpc.report.page.report import write_report
 
         return write_report(store, out, profile=profile, twins=twins, truth=truth)
 

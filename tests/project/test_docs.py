@@ -172,7 +172,7 @@ def test_the_reference_of_python_has_every_name_that_the_package_offers(site):
     for name in set(gliderhpc.__all__) - {"__version__", "report"}:
         offered = getattr(gliderhpc, name)
         assert inspect.unwrap(offered) in objects, name
-    assert "gliderhpc.report.page.write_report" in headings
+    assert "gliderhpc.report.page.report.write_report" in headings
     functions = {"findings": "findings.results.write_findings", "report": "report.studies.show_study"}
     for page, function in functions.items():
         assert f'id="gliderhpc.{function}"' in (site / "reference" / f"{page}.html").read_text("utf-8")

@@ -19,10 +19,10 @@ from support.report_pages import read
 import gliderhpc as gh
 from gliderhpc.archive.mission import open_for_reading
 from gliderhpc.errors import InputError
-from gliderhpc.report.page import write_mission_page
 from gliderhpc.report.page.fleet import folder_names
 from gliderhpc.report.page.fleet_map import FleetTrack, fleet_map
 from gliderhpc.report.page.fleet_rows import read_state
+from gliderhpc.report.page.mission_page import write_mission_page
 from gliderhpc.report.studies.hull import StoredChange
 from gliderhpc.store_schema import consolidate
 from gliderhpc.surfacing.dive_results import surfacing_message

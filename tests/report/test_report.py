@@ -30,9 +30,9 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations.truth import truth_path
 from gliderhpc.platform import read_platform
 from gliderhpc.report.maps import round_speed
-from gliderhpc.report.page import write_mission_page, write_profile_page
 from gliderhpc.report.page.content import FigureBlock
 from gliderhpc.report.page.mission_figures import map_figure
+from gliderhpc.report.page.mission_page import write_mission_page, write_profile_page
 from gliderhpc.report.page.mission_table import MissionTable
 from gliderhpc.report.page.overview import overview_section
 from gliderhpc.report.page.rendering import cell

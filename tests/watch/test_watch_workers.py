@@ -1,5 +1,7 @@
 """Watch: one new dive is inverted in the watch's own process, several on all cores."""
 
+import subprocess
+import sys
 from contextlib import closing
 
 import pytest
@@ -32,3 +34,11 @@ def test_dives_waiting_are_the_new_ones_or_all_with_another_hull(brief_store):
     assert count_waiting(brief_store, numbers, 1, hull, settings) == 1
     assert count_waiting(brief_store, numbers, 1, hull.model_copy(update={"name": "another"}), settings) == 3
     assert count_waiting(brief_store.with_name("none.zarr"), numbers, 1, hull, settings) == 3
+
+
+def test_a_watch_starts_without_modules_that_take_long_to_import():
+    """A watch that cron starts for every dive imports neither figures nor `scipy.stats`, half of its imports."""
+    slow = ("matplotlib", "scipy.stats", "distributed")
+    code = f"import sys, gliderhpc.watch.watcher; print([name for name in {slow} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout == "[]\n"
