@@ -20,6 +20,7 @@ from gliderhpc.estimation.lanes import Key, solve_in_lanes
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.estimation.windows import (
+    PosedWindow,
     ProfileProblem,
     ProfileSolution,
     StartingPath,
@@ -29,6 +30,7 @@ from gliderhpc.estimation.windows import (
     pose_windows,
     solve_profile,
 )
+from gliderhpc.flight.glider import SENSED
 from gliderhpc.kernels import window as kernel
 from gliderhpc.kernels.fortran.library import Library, LibraryError, load
 from gliderhpc.kernels.lane_memory import Descent, LaneProgress, Problem
@@ -97,6 +99,18 @@ class _Objective:
         away = x - self.best_x
         stiffness = (1.0 + self.best_cost) / max(float(away @ away), 1e-300)
         return self.best_cost + 0.5 * stiffness * float(away @ away), stiffness * away
+
+
+def typical_starting_cost(problem: ProfileProblem, states: Array) -> float:
+    """Median cost of whole windows at the start of their search, from the states ``(n+1, 12)`` of a path."""
+    length, sensed = problem.plan.length, states[:, SENSED]
+    costs = []
+    for begin in range(0, len(problem.profile.bodies) - length + 1, length):
+        data, start = PosedWindow(problem, begin, problem.plan, sensed[begin]).task
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost, _ = WindowProblem(data).evaluate((start / data.scale).ravel())
+        costs.append(cost if np.isfinite(cost) else np.inf)
+    return float(np.median(costs)) if costs else np.inf
 
 
 def solve_window(data: WindowData, start: Array, settings: EstimationSettings) -> WindowSolution:

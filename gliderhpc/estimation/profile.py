@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gliderhpc.errors import ProfileError
-from gliderhpc.estimation.engines import invert_windows, solve_profiles
+from gliderhpc.estimation.engines import invert_windows, solve_profiles, typical_starting_cost
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile
 from gliderhpc.estimation.rests import run_filters_around_rests
@@ -116,16 +116,28 @@ def estimate_profile(
     if isinstance(filtered, ProfileError):
         raise filtered
     smoothed = run_smoother(profile, filtered, settings) if settings.starts_from == "smoothed" else None
-    solution = invert_windows(profile, filtered, settings, _start(smoothed, settings))
+    solution = invert_windows(profile, filtered, settings, _start(profile, filtered, smoothed, settings))
     on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=with_hull)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
-def _start(smoothed: SmoothedEstimate | None, settings: EstimationSettings) -> StartingPath | None:
-    """Return the smoothed path if the windows start from it, None if they start from the filter's disturbance."""
+def _start(
+    profile: PreparedProfile, filtered: FilterEstimate, smoothed: SmoothedEstimate | None, settings: EstimationSettings
+) -> StartingPath | None:
+    """Return the smoothed path if the windows start from it, None if they start from the filter's disturbance.
+
+    A slow record's path must agree with its disturbance: neither smoothed in a single pass about the filter's path, nor
+    so far from a run of the model that its windows typically begin above their threshold. On real gliders whose hull is
+    not known well, windows that started from such paths converged less often, or only after they had been shortened.
+    """
     if smoothed is None or not smoothed.outcome.usable or settings.starts_from != "smoothed":
         return None
-    return StartingPath(smoothed.disturbances, smoothed.states)
+    start = StartingPath(smoothed.disturbances, smoothed.states)
+    if profile.is_slow:
+        problem = pose_windows(profile, filtered, settings, start)
+        if smoothed.passes == 1 or typical_starting_cost(problem, start.states) > problem.plan.cost_threshold:
+            return None
+    return start
 
 
 def smooth_profile(
@@ -276,7 +288,7 @@ def _pose_profile(
     """Pose the windows of a filtered profile, after smoothing it if they start from that path; add the time."""
     began, settings = time.perf_counter(), options.settings
     smoothed = run_smoother(profile, filtered, settings) if settings.starts_from == "smoothed" else None
-    problem = pose_windows(profile, filtered, settings, _start(smoothed, settings))
+    problem = pose_windows(profile, filtered, settings, _start(profile, filtered, smoothed, settings))
     smoothing: Callable[[], _Smoothing]
     smoothing = partial(smooth_profile, profile, filtered, settings, smoothed, with_hull=options.with_hull)
     if options.threads is not None:

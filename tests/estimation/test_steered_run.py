@@ -206,7 +206,7 @@ def test_gusts_of_millimetres_per_second_are_found_on_any_hull(rms, expected, er
 
 @pytest.mark.long
 def test_gusts_do_not_bias_the_speed_of_hulls_unlike_the_shipped_ones():
-    """Each hull is known exactly. With a hundredth of the roll's weight, in place of 1/3000, the errors were doubled."""
+    """Each hull is known exactly. With a hundredth of the roll's weight in place of 1/3000, errors were doubled."""
     scenarios = {
         "weak": Scenario().replaced({**GUSTS, "gusts": {"kind": "gaussian", "rms": 0.005}}),
         "paper": load_scenario("paper").replaced({"depth_spread": 0.0}),

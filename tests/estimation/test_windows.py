@@ -120,6 +120,20 @@ def test_windows_of_a_slow_record_start_from_the_smoothed_disturbance():
     assert errors["smoothed"] < 0.5 * errors["prior"]
 
 
+def test_windows_of_a_slow_record_that_was_smoothed_in_a_single_pass_start_from_the_filter():
+    hull, settings = read_platform("slocum"), EstimationSettings(step=0.25)
+    record, _ = simulate_profile(hull, load_scenario("calm").replaced({"depth": 100.0, "depth_spread": 0.0}), 1)
+    once = settings.model_copy(update={"smoother": settings.smoother.model_copy(update={"max_passes": 1})})
+
+    def starts_from_smoothed(platform, chosen):
+        return estimate_profile(
+            prepare_profile(Glider(platform), on_steps(record, chosen, platform)), chosen
+        ).solution.from_smoothed
+
+    assert starts_from_smoothed(hull, settings)
+    assert not starts_from_smoothed(hull, once)
+
+
 def test_windows_of_a_path_start_from_its_states_in_fast_records_alone():
     problem = dive_problem(700)
     path = StartingPath(problem.start, problem.filtered.states)

@@ -57,8 +57,8 @@ _MAX_SPEED_DIFFERENCE = 0.25
 
 _MIN_ROLL_SCATTER = 1.25
 """Typical second difference of the roll's samples, relative to that of noise, that shows gusts. On twins of eight hulls
-it was at most 1.16 in calm water, internal waves and yaw impulses, at least 1.22 in gusts of 5 mm/s, and at least 1.4 in
-gusts of 7 mm/s."""
+it was at most 1.16 in calm water, internal waves and yaw impulses, at least 1.22 in gusts of 5 mm/s, and at least 1.4
+in gusts of 7 mm/s."""
 
 _MIN_BURST_RATIO = 1.6
 """Ratio of the root mean square difference of yaw rates to the typical one that shows impulses between quiet stretches.
