@@ -35,6 +35,7 @@ from gliderhpc.report.page.mission_page import write_mission_page
 from gliderhpc.report.page.rendering import ReportFiles
 from gliderhpc.simulator import Scenario, load_scenario, simulate_mission, write_ocean_model
 from gliderhpc.store_schema import is_archive
+from gliderhpc.store_schema.location import check_assertions
 from gliderhpc.studies.registry import STUDIES, VALIDATION
 from gliderhpc.studies.request import Request, Simulation
 from gliderhpc.twins.windows.experiment import STUDY as WINDOWS
@@ -131,8 +132,9 @@ def run_demo(out: Path, announce: Announce, show: ShowTable, *, full: bool = Fal
     Raises
     ------
     InputError
-        The folder contains a mission other than the demo's.
+        The folder contains a mission other than the demo's; or zarr cannot read archives in this Python.
     """
+    check_assertions()
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     platform, scenario, observations = load_platform(PLATFORM), _scenario(full), out / "mission.nc"

@@ -27,7 +27,7 @@ from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.profile_numbers import as_ranges
 from gliderhpc.store_schema.commits import is_begun
 from gliderhpc.store_schema.create import check_location
-from gliderhpc.store_schema.location import Location
+from gliderhpc.store_schema.location import Location, check_assertions
 from gliderhpc.wording import counted
 
 log = logging.getLogger("gliderhpc.run")
@@ -91,6 +91,7 @@ def run_mission(
       gliderhpc run-mission mission.nc --platform petrel-l --store one.zarr --profiles 18:20,68 --preset paper
       gliderhpc run-mission mission.nc --platform petrel-l --store mission.zarr --scheduler-file scheduler.json --resume
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    check_assertions()
     existing = Existing.of(overwrite=overwrite, resume=resume, append=append)
     values, platform_values = parse_assignments(assignments)
     settings = build_settings({"preset": preset, "engine": engine, "start": start}, values)

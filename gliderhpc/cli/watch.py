@@ -14,7 +14,7 @@ from gliderhpc.estimation.engines import check_engine
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations.files.landing import folder_of
-from gliderhpc.store_schema.location import Location, is_address
+from gliderhpc.store_schema.location import Location, check_assertions, is_address
 from gliderhpc.surfacing.dive_plan import read_plan
 from gliderhpc.surfacing.message import SurfacingMessage
 from gliderhpc.watch.alerts import Alerts, read_alerts
@@ -126,6 +126,7 @@ def watch(
       gliderhpc watch from-glider/ --platform sea035.yaml --store m12.zarr --alerts alerts.yaml
       gliderhpc watch sg249/ --platform sg249.yaml --store again.zarr --replay
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
+    check_assertions()
     if once and replay:
         raise click.UsageError("--once and --replay are mutually exclusive; give one of them")
     if replay and plan is not None:

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from functools import cached_property, partial
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,19 @@ from gliderhpc.kernels.compiler import InnerDispatcher, KernelDispatcher
 from gliderhpc.kernels.precompiled import precompiled_kernels
 
 log = logging.getLogger(__name__)
+
+UNCOMPILED = "NUMBA_DISABLE_JIT is set, so the kernels run as plain Python, about a thousand times slower"
+"""Consequence of numba's setting for debugging, which a user may have forgotten in the environment."""
+
+
+def is_uncompiled() -> bool:
+    """Return whether numba is set to compile nothing, by ``NUMBA_DISABLE_JIT`` or its configuration file."""
+    return bool(vars(config)["DISABLE_JIT"])
+
+
+if is_uncompiled() and parent_process() is None:
+    # Worker processes do not repeat this.
+    log.warning("%s; unset it unless you are debugging", UNCOMPILED)
 
 
 class _Locator(_CacheLocator):
@@ -135,7 +149,7 @@ def _decorator(dispatcher: type[CPUDispatcher], **options: Any) -> Callable[[Any
     """Return a decorator that compiles functions, and that caches in our folder the kernels of this package."""
 
     def decorate(function: Any) -> Any:
-        if vars(config)["DISABLE_JIT"]:
+        if is_uncompiled():
             return function
         compiled: Any = dispatcher(function, targetoptions={**_COMMON, **options})
         if dispatcher is KernelDispatcher and Path(function.__code__.co_filename).resolve().parent == SOURCES:

@@ -14,12 +14,13 @@ from pathlib import Path
 
 from gliderhpc.errors import InputError
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
+from gliderhpc.kernels.jit import UNCOMPILED, is_uncompiled
 from gliderhpc.kernels.lane_type import LANES
 from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.cluster import ClusterAddress, examine_cluster
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.warm import warm_kernels
-from gliderhpc.store_schema.location import Location, is_address
+from gliderhpc.store_schema.location import Location, check_assertions, is_address
 from gliderhpc.version import __version__
 from gliderhpc.wording import counted
 
@@ -74,7 +75,7 @@ class Check:
 def examine(location: Location, cluster: ClusterAddress | None = None) -> Iterable[Check]:
     """Yield all checks for an archive at `location` and, if given, for a run on `cluster`."""
     yield Check("gliderhpc", State.OK, f"{__version__}, {Path(__file__).parents[1]}")
-    yield Check("python", State.OK, f"{platform.python_version()}, {platform.system()} {platform.machine()}")
+    yield interpreter()
     yield from map(package, PACKAGES)
     yield processor()
     yield kernel_cache()
@@ -86,6 +87,17 @@ def examine(location: Location, cluster: ClusterAddress | None = None) -> Iterab
     if cluster is not None:
         yield reachable_cluster(cluster)
     yield from (extra(name) for name in EXTRAS)
+
+
+def interpreter() -> Check:
+    """Check that this Python can read archives."""
+    found = f"{platform.python_version()}, {platform.system()} {platform.machine()}"
+    try:
+        check_assertions()
+    except InputError as error:
+        fault, remedy = str(error).split("; ", 1)
+        return Check("python", State.MISSING, f"{found}: {fault}", remedy)
+    return Check("python", State.OK, found)
 
 
 def package(name: str) -> Check:
@@ -125,6 +137,8 @@ def precompiled() -> Check:
 
 def compiled_kernels() -> Check:
     """Check whether the kernels are compiled and can be loaded; damaged ones are compiled again."""
+    if is_uncompiled():
+        return Check("kernels", State.MISSING, UNCOMPILED, "unset it")
     folder = compiled_cache()
     count = _compiled_in(folder)
     if count == 0 and precompiled_kernels()[0] is None:

@@ -15,7 +15,7 @@ from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
-from gliderhpc.store_schema.location import Location
+from gliderhpc.store_schema.location import Location, check_assertions
 from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger(__name__)
@@ -75,8 +75,10 @@ def prepare_mission(
     ------
     InputError
         There is no such profile or no usable one, or the workers need more memory than the machine has; or buoyancy by
-        density is set for a hull without compressibility; or the engine cannot run on this machine.
+        density is set for a hull without compressibility; or the engine cannot run on this machine; or zarr cannot read
+        archives in this Python.
     """
+    check_assertions()
     check_engine(settings)
     if profiles is None or isinstance(profiles, str):
         profiles = select_profiles(observations.profile_numbers, profiles)

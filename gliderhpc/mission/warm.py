@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from numba import config
 
 from gliderhpc.estimation.filter import FilterEstimate
 from gliderhpc.estimation.preparation import PreparedProfile, prepare_profile
@@ -24,6 +23,7 @@ from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import SENSED, Glider
 from gliderhpc.kernels.cache import VARIABLES, compiled_cache
 from gliderhpc.kernels.jacobian import ENTRIES
+from gliderhpc.kernels.jit import is_uncompiled
 from gliderhpc.kernels.points import rates_and_partials, viscous_yaw_moments
 from gliderhpc.kernels.precompiled import precompiled_kernels
 from gliderhpc.mission.local_workers import default_workers
@@ -94,7 +94,7 @@ def is_compiled() -> bool:
 
     Only the smoother's are checked, since they come last. Any that are missing are compiled when they are called.
     """
-    if bool(vars(config)["DISABLE_JIT"]) or precompiled_kernels()[0] is not None:
+    if is_uncompiled() or precompiled_kernels()[0] is not None:
         return True
     return any(compiled_cache().glob("smoother.forward*.nbi"))
 

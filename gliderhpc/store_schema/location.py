@@ -181,14 +181,29 @@ def group_at(location: Location, path: str = "", *, writable: bool = False) -> z
     InputError
         Python runs without assertions, on which zarr depends for reading.
     """
-    if sys.flags.optimize:
-        raise InputError(f"{location}: zarr cannot read archives under python -O; unset PYTHONOPTIMIZE")
+    check_assertions()
     store = store_at(location, read_only=not writable)
     own = None if path else own_metadata(root_content(store))
     if own is not None and own.get("node_type") == "group":
         return zarr.Group(zarr.AsyncGroup.from_dict(StorePath(store), own))
     mode: Literal["r", "r+"] = "r+" if writable else "r"
     return zarr.open_group(store, mode=mode, path=path, use_consolidated=False)
+
+
+def check_assertions() -> None:
+    """Refuse a Python without assertions, on which zarr depends for reading.
+
+    Long jobs call this before they begin, since the archive itself is first read when its profiles are done.
+
+    Raises
+    ------
+    InputError
+        Python was started with ``-O`` or with ``PYTHONOPTIMIZE``.
+    """
+    if sys.flags.optimize:
+        raise InputError(
+            "zarr cannot read archives in a Python without assertions; start Python without -O, or unset PYTHONOPTIMIZE"
+        )
 
 
 def root_content(store: Store) -> bytes | None:
