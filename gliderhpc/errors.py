@@ -13,6 +13,10 @@ class InputError(GliderhpcError):
     """An input cannot be used; the message names it and the remedy (exit status 2)."""
 
 
+class ArchiveInUseError(InputError):
+    """Another process holds the lock of an archive; the same command can succeed later."""
+
+
 class ProfileError(GliderhpcError):
     """One profile cannot be estimated; the message is stored, and the rest of the mission continues."""
 

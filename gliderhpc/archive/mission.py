@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -29,7 +29,15 @@ from gliderhpc.store_schema import (
     read_attributes,
     structure_differences,
 )
-from gliderhpc.store_schema.location import Location, describe_other, is_empty, own_metadata, root_content, store_at
+from gliderhpc.store_schema.location import (
+    Location,
+    describe_other,
+    folder_identity,
+    is_empty,
+    own_metadata,
+    root_content,
+    store_at,
+)
 from gliderhpc.store_schema.maintenance import OUTDATED
 from gliderhpc.store_schema.rows import mission_columns
 from gliderhpc.store_schema.schema import COMPLETE, PROFILE
@@ -212,26 +220,42 @@ def _committed_columns(path: Location, count: int) -> Columns:
 
 
 @contextmanager
-def archive_errors(*locations: Location) -> Iterator[None]:
+def archive_errors(*locations: Location) -> Iterator[Callable[[], None]]:
     """Convert errors from a damaged or unreadable archive to an `InputError` of one line; re-raise all others.
 
-    All commands read archives in this context.
+    All commands read archives in this context. Its end also checks that the archives are those that were there at its
+    beginning; a command that writes a file within the context checks this first.
 
     Parameters
     ----------
     *locations : str or Path
         Archives to be read.
 
+    Yields
+    ------
+    callable
+        Function that checks that no archive has been replaced since.
+
     Raises
     ------
     InputError
-        An archive is damaged, or the file system denies access.
+        An archive is damaged, or the file system denies access, or another run has replaced the archive meanwhile.
     """
+    before = {location: folder_identity(location) for location in locations}
+
+    def check_unchanged(cause: Exception | None = None) -> None:
+        for location, identity in before.items():
+            if identity not in (None, folder_identity(location)):
+                raise InputError(f"{location}: another run replaced it while it was read; try again") from cause
+
     try:
-        yield
-    except GliderhpcError:
+        yield check_unchanged
+        check_unchanged()
+    except GliderhpcError as error:
+        check_unchanged(error)
         raise
     except Exception as error:
+        check_unchanged(error)
         for location in locations:
             fault = _describe_fault(location, error)
             if fault:

@@ -22,7 +22,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from gliderhpc.errors import InputError, RunStoppedError
+from gliderhpc.errors import ArchiveInUseError, InputError, RunStoppedError
 from gliderhpc.output_files import check_parents, link_unless_there
 from gliderhpc.store_schema.location import Location, absolute, is_address, network_errors, with_suffix
 
@@ -231,8 +231,10 @@ def locked(archive: Location) -> Iterator[str]:
 
     Raises
     ------
+    ArchiveInUseError
+        Another run holds the lock.
     InputError
-        Another run holds the lock, or it cannot be written.
+        The lock cannot be written.
     """
     lock = lock_store(lock_name(archive))
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -290,14 +292,14 @@ def _acquire(lock: LockStore, holder: Holder, archive: Location) -> None:
     if existing is not None:
         other = _parse_holder(existing)
         if not _is_dead(lock, other):
-            raise InputError(
+            raise ArchiveInUseError(
                 f"{archive}: another run is writing it ({other.describe()}); wait for it, or remove {lock} if that "
                 "run has ended"
             )
         log.warning("%s: taking over from a run that was killed (%s)", archive, other.describe())
         lock.release(existing)
     if not lock.create(content):
-        raise InputError(f"{archive}: another run has just begun to write it; wait for it")
+        raise ArchiveInUseError(f"{archive}: another run has just begun to write it; wait for it")
 
 
 def _is_dead(lock: LockStore, other: Holder) -> bool:

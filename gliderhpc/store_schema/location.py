@@ -320,6 +320,20 @@ def root_metadata(location: Location) -> dict[str, Any] | None:
     return own_metadata(root_content(store_at(location, read_only=True)))
 
 
+def folder_identity(location: Location) -> tuple[int, int] | None:
+    """Return device and inode of a folder: those of another archive renamed into its place differ.
+
+    None in an object store, where nothing is renamed, and where there is no folder.
+    """
+    if is_address(location):
+        return None
+    try:
+        status = Path(location).stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
 def is_empty(location: Location) -> bool:
     """Return whether a location is empty or does not exist."""
     if is_address(location):

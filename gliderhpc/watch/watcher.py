@@ -14,7 +14,7 @@ from gliderhpc.api.records import kind_by_name
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.mission import archive_errors, open_for_reading
 from gliderhpc.archive.reader import Archive
-from gliderhpc.errors import InputError, first_line
+from gliderhpc.errors import ArchiveInUseError, InputError, first_line
 from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations, open_observations
@@ -137,11 +137,21 @@ class Watch:
         self._warn_if_no_file()
 
     def forever(self, interval: float, sleep: Callable[[float], None] = time.sleep) -> None:
-        """List the files every `interval` seconds, and process those that are unchanged since the previous listing."""
+        """List the files every `interval` seconds, and process those that are unchanged since the previous listing.
+
+        While another run, such as a study, writes the archive, new dives wait.
+        """
         before: Mapping[Path, FileState] | None = None
+        waiting = ""
         while True:
             files = list_files(self.watched.source) if before is None else self._list_files()
-            self.process(files, unchanged(files, before or {}))
+            try:
+                self.process(files, unchanged(files, before or {}))
+                waiting = ""
+            except ArchiveInUseError as error:
+                if waiting != str(error):
+                    waiting = str(error)
+                    log.warning("%s; the new dives wait", waiting)
             if files != before:
                 self._warn_if_no_file()
             before = files

@@ -1,5 +1,6 @@
 """Reader that opens an archive's groups on demand, compared with xarray's tree of all groups."""
 
+import shutil
 import warnings
 
 import numpy as np
@@ -12,6 +13,8 @@ from gliderhpc.archive import profile
 from gliderhpc.archive.mission import archive_errors, open_for_reading, open_mission
 from gliderhpc.archive.profile import ESTIMATES, read_profile_data, read_recorded_profiles
 from gliderhpc.errors import InputError
+from gliderhpc.report.exports import og1
+from gliderhpc.report.page import mission_page
 from gliderhpc.store_schema import create_study, finish_study, set_attributes
 from gliderhpc.store_schema.create import check_location
 
@@ -105,3 +108,62 @@ def test_a_copy_by_xarray_is_named_as_such(whole, tmp_path, brief_store):
         open_mission(copy)
     with pytest.raises(InputError, match="not an archive"):
         check_location(str(copy), overwrite=True)
+
+
+def _replaced(path):
+    """Put another archive in an archive's place, as ``run-mission --overwrite`` does."""
+    write_archive(path.with_name("other.zarr"), Content(1))
+    path.rename(path.with_name("old"))
+    path.with_name("other.zarr").rename(path)
+
+
+def test_an_archive_that_is_replaced_while_it_is_read_is_named(archive):
+    """Otherwise the values of two runs would be mixed, or chunks would seem to be damaged."""
+    with (
+        pytest.raises(InputError, match="another run replaced it while it was read; try again"),
+        archive_errors(archive),
+    ):
+        _replaced(archive)
+
+
+def _reading_replaced(path, error):
+    with archive_errors(path):
+        _replaced(path)
+        raise error
+
+
+@pytest.mark.parametrize("error", [InputError("a chunk is missing"), ValueError("cannot reshape array")])
+def test_the_replacement_explains_errors_that_follow_from_it(archive, error):
+    with pytest.raises(InputError, match="another run replaced it"):
+        _reading_replaced(archive, error)
+
+
+def test_no_export_is_left_of_an_archive_that_is_replaced_meanwhile(swift_store, tmp_path, monkeypatch):
+    copy, export = tmp_path / "m.zarr", og1._export
+    shutil.copytree(swift_store, copy)
+
+    def replace_after(*arguments):
+        export(*arguments)
+        _replaced(copy)
+
+    monkeypatch.setattr(og1, "_export", replace_after)
+    answer = program("export", "og1", copy, tmp_path / "og1.nc")
+    assert answer.status == 2
+    assert answer.line.endswith("m.zarr: another run replaced it while it was read; try again")
+    assert list(tmp_path.glob("*.nc*")) == []
+
+
+def test_no_page_is_written_of_an_archive_that_is_replaced_meanwhile(swift_store, tmp_path, monkeypatch):
+    copy, make = tmp_path / "m.zarr", mission_page.profile_page
+    shutil.copytree(swift_store, copy)
+
+    def replace_after(*arguments):
+        page = make(*arguments)
+        _replaced(copy)
+        return page
+
+    monkeypatch.setattr(mission_page, "profile_page", replace_after)
+    answer = program("report", copy, "--out", tmp_path / "report", "--profile", 2)
+    assert answer.status == 2
+    assert answer.line.endswith("m.zarr: another run replaced it while it was read; try again")
+    assert not (tmp_path / "report").exists()

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+from contextlib import ExitStack
 from dataclasses import replace
 from inspect import signature
 from pathlib import Path
@@ -23,6 +24,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission import resume
+from gliderhpc.mission.lock import locked
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import joined, open_observations
 from gliderhpc.observations.files.landing import CopiedFile, FileState, copy_file, list_files, older, unchanged
@@ -428,6 +430,43 @@ def test_the_loop_goes_on_when_the_folder_is_out_of_reach_for_a_while(dives, tmp
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 1, 1]
     assert sum("trying again" in record.getMessage() for record in caplog.records) == 1
+
+
+def test_new_dives_wait_while_another_run_writes_the_archive(dives, tmp_path, caplog):
+    """A study holds the archive's lock for minutes."""
+    watched, reports, looks = _watched(tmp_path), _Reports(), []
+    shutil.copy(dives[0], tmp_path / "land")
+    study = ExitStack()
+
+    class StoppedError(Exception):
+        pass
+
+    def sleep(seconds: float) -> None:
+        looks.append(len(reports.dives))
+        if len(looks) == 4:
+            study.close()
+        elif len(looks) == 5:
+            raise StoppedError
+
+    study.enter_context(locked(watched.store))
+    with open_watch(watched, reports.listener()) as opened, pytest.raises(StoppedError):
+        opened.forever(5.0, sleep)
+    assert looks == [0, 0, 0, 0, 1]
+    assert sum("the new dives wait" in record.getMessage() for record in caplog.records) == 1
+
+
+def test_a_second_watch_of_the_same_folder_is_refused_and_changes_nothing(dives, tmp_path):
+    """As when cron starts ``--once`` again before the first has ended."""
+    watched = _watched(tmp_path)
+    shutil.copy(dives[0], tmp_path / "land")
+    with locked(watched.out):
+        answer = program(
+            "watch", tmp_path / "land", "--platform", "petrel-l", "--store", watched.store, "--once", "--settle", 0
+        )
+    assert answer.status == 2
+    assert "another run is writing it" in answer.line
+    assert not watched.store.exists()
+    assert _once(tmp_path).numbers == [(1, 0)]
 
 
 def test_a_file_that_may_not_be_read_is_named_once_and_the_others_are_taken(dives, tmp_path, monkeypatch):

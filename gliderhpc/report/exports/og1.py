@@ -83,41 +83,46 @@ def export_og1(
     """
     out, described = Path(out), dict(described or {})
     check_export_path(archive, out, overwrite)
-    with archive_errors(archive), open_for_reading(archive) as tree:
+    with archive_errors(archive) as check_unchanged, open_for_reading(archive) as tree:
         summary = ExportSummary(out)
         summary.left_out = unfit_profiles(archive, tree)
         starts = tree.to_dataset()["start_time"]
         numbers = sorted(done_profiles(tree), key=lambda number: starts.sel(profile=number).values)
         if not numbers:
             raise InputError(f"{archive}: no profile of the archive is done, so there is nothing to export")
-        _export(tree, numbers, described, summary, STRICT if community else FULL, overwrite=overwrite)
+        form = STRICT if community else FULL
+        with _appended_file(summary.path, overwrite) as file:
+            _export(file, tree, numbers, described, summary, form)
+            check_unchanged()
     return summary
 
 
+def _appended_file(out: Path, overwrite: bool) -> AppendedFile:
+    conventions = {"Conventions": f"{CONVENTIONS}, OG-1.0"}
+    return AppendedFile(out, conventions, {dives.AXIS: dives.CHUNK}, overwrite=overwrite)
+
+
 def _export(
+    file: AppendedFile,
     tree: Archive,
     numbers: list[int],
     described: Mapping[str, str],
     summary: ExportSummary,
     form: Og1Form,
-    *,
-    overwrite: bool,
 ) -> None:
     platform, counter, extent = platform_of(tree), Counter(), Extent()
-    conventions = {"Conventions": f"{CONVENTIONS}, OG-1.0"}
-    with AppendedFile(summary.path, conventions, {dives.AXIS: dives.CHUNK}, overwrite=overwrite) as file:
-        for number in numbers:
-            data = read_profile_data(tree, number, ADJOINT)
-            smoothed, vertical = (_row(tree, group, number) for group in (SMOOTHED, VERTICAL))
-            rows = profile_rows(data, smoothed, vertical, ground_track(tree, data, platform), counter)
-            if not summary.rows:
-                summary.unknown = describe_file(file, tree, platform.name, rows, described, form)
-            file.append(form.columns(data, rows))
-            extent.update(rows)
-            summary.profiles.append(number)
-            summary.rows += len(rows["TIME"])
-            summary.fixes += int(np.isfinite(rows["LATITUDE_GPS"].astype(np.float64)).sum())
-        file.describe(extent.attributes())
+    for number in numbers:
+        data = read_profile_data(tree, number, ADJOINT)
+        smoothed, vertical = (_row(tree, group, number) for group in (SMOOTHED, VERTICAL))
+        rows = profile_rows(data, smoothed, vertical, ground_track(tree, data, platform), counter)
+        if not summary.rows:
+            summary.unknown = describe_file(file, tree, platform.name, rows, described, form)
+        file.append(form.columns(data, rows))
+        extent.update(rows)
+        summary.profiles.append(number)
+        summary.rows += len(rows["TIME"])
+        summary.fixes += int(np.isfinite(rows["LATITUDE_GPS"].astype(np.float64)).sum())
+    file.describe(extent.attributes())
 
 
 def _row(tree: Archive, group: str, number: int) -> xr.Dataset | None:

@@ -54,9 +54,10 @@ def write_mission_page(
     InputError
         Archive, twins or truth cannot be read, or the folder cannot be written.
     """
-    summary, source = describe(place), PageSource(place, out, twins, truth)
-    with archive_errors(place), open_for_reading(place) as archive:
+    with archive_errors(place) as check_unchanged, open_for_reading(place) as archive:
+        summary, source = describe(place), PageSource(place, out, twins, truth)
         page = mission_page(archive, summary, source, executor or SerialExecutor())
+        check_unchanged()
         written = write_page(page, out, MISSION_PAGE, footer(place))
         _write_platform(archive, out)
     return written
@@ -148,9 +149,10 @@ def write_profile_page(place: Location, number: int, out: Path, truth: Path | No
     InputError
         The archive cannot be read, there is no such profile or it is not done, or the folder cannot be written.
     """
-    with archive_errors(place), open_for_reading(place) as archive:
+    with archive_errors(place) as check_unchanged, open_for_reading(place) as archive:
         command = PageSource(place, out, truth=truth).profile_command(number)
         page = profile_page(archive, number, place, command, truth)
+        check_unchanged()
         written = write_page(page, out, f"profile_{number}.html", footer(place))
         _write_platform(archive, out)
     return written
