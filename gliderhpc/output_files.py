@@ -1,5 +1,6 @@
 """Output files and folders: checked in advance, written under a temporary name, and renamed when complete."""
 
+import errno
 import os
 import secrets
 import shutil
@@ -16,6 +17,12 @@ _OTHER_FORMATS = frozenset(
     (".csv", ".html", ".json", ".mat", ".parquet", ".pdf", ".png", ".txt", ".xlsx", ".yaml", ".yml", ".zarr", ".zip")
 )
 """Endings of names of files that are not netCDF."""
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a full disk, an exhausted quota, and a limit on the size of files (``ulimit -f``)."""
+
+_PROBE_BYTES = 1 << 20
+"""Bytes that must fit onto the disk after a failed write, or its cause was a full disk."""
 
 _ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
 
@@ -118,7 +125,7 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
         `check_output` refuses the file, before the block; or its path cannot be encoded; or another program has written
         the file meanwhile.
     OSError
-        The file system refuses the operation.
+        The file system refuses the operation; with one of `NO_SPACE` and the file's name if the disk is full.
     """
     check_output(out, overwrite=overwrite)
     target = _target(out)
@@ -135,8 +142,56 @@ def written_aside(out: Path, *, overwrite: bool) -> Iterator[Path]:
         if not fault:
             raise
         raise InputError(f"{out}: {fault}") from error
+    except (OSError, RuntimeError) as error:
+        full = full_disk_error(error, aside, out)
+        if full is None:
+            raise
+        raise full from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+def raise_full_disk(error: OSError, out: Path | str) -> None:
+    """Raise the error of a full disk with the name of the file or folder being written; return for other errors.
+
+    Raises
+    ------
+    OSError
+        The disk is full.
+    """
+    if error.errno in NO_SPACE:
+        raise OSError(error.errno, error.strerror, str(out)) from error
+
+
+def full_disk_error(error: Exception, aside: Path, out: Path) -> OSError | None:
+    """Return the error of a full disk with the file's name, if that is the cause of a failed write; None if not.
+
+    The netCDF library reports a full disk as an HDF error, or as a denied permission. After such an error a write to
+    the temporary file, which is about to be removed, is tried.
+
+    Parameters
+    ----------
+    error : Exception
+        Error of the write.
+    aside : Path
+        The temporary file.
+    out : Path
+        The file that it was to become.
+    """
+    number = error.errno if isinstance(error, OSError) else None
+    if number not in NO_SPACE:
+        number = _error_of_write(aside)
+    return OSError(number, os.strerror(number), str(out)) if number in NO_SPACE else None
+
+
+def _error_of_write(aside: Path) -> int | None:
+    """Append some bytes to a temporary file, and return the number of the error, if any."""
+    try:
+        with aside.open("ab") as file:
+            file.write(bytes(_PROBE_BYTES))
+    except OSError as error:
+        return error.errno
+    return None
 
 
 @contextmanager
@@ -147,11 +202,15 @@ def output_file(out: Path, *, overwrite: bool) -> Iterator[Path]:
     ------
     InputError
         `check_output` refuses the file, or it cannot be written.
+    OSError
+        The disk is full.
     """
     try:
         with written_aside(out, overwrite=overwrite) as aside:
             yield aside
     except OSError as error:
+        if error.errno in NO_SPACE:
+            raise
         raise InputError(f"{out}: cannot be written: {error.strerror or error}") from error
 
 
@@ -162,6 +221,8 @@ def write_text(out: Path, text: str, *, overwrite: bool) -> None:
     ------
     InputError
         `check_output` refuses the file, or it cannot be written.
+    OSError
+        The disk is full.
     """
     with output_file(out, overwrite=overwrite) as aside:
         aside.write_text(text, "utf-8")
@@ -249,6 +310,8 @@ def filled_aside(out: Path) -> Iterator[Path]:
     ------
     InputError
         `check_folder` refuses the folder, or it cannot be written.
+    OSError
+        The disk is full; it has the folder's name.
     """
     check_folder(out)
     missing = [folder for folder in (out, *out.parents) if not folder.exists()]
@@ -259,6 +322,7 @@ def filled_aside(out: Path) -> Iterator[Path]:
             for path in sorted(Path(aside).iterdir()):
                 path.replace(out / path.name)
     except OSError as error:
+        raise_full_disk(error, out)
         raise InputError(f"{out}: cannot be written ({error.strerror or error}); give another `out`") from None
     finally:
         for folder in missing:

@@ -18,6 +18,7 @@ import zarr
 from gliderhpc.archive.current import adopted_current
 from gliderhpc.archive.reader import ArchiveReader, Columns, ConsolidatedMetadata, Node, with_committed_rows
 from gliderhpc.errors import GliderhpcError, InputError, first_line
+from gliderhpc.output_files import NO_SPACE
 from gliderhpc.store_schema import (
     SCHEMA_VERSION,
     STATUS,
@@ -268,7 +269,7 @@ def _describe_fault(location: Location, error: Exception) -> str:
     if isinstance(error, OSError):
         if error.errno in _FILE_SYSTEM_ERRORS and str(error.filename or "").startswith(str(location)):
             return f"cannot be read ({error.filename}: {error.strerror})"
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if error.errno in NO_SPACE:
             return ""
     if type(error).__module__.startswith("obstore"):
         return f"cannot be read ({first_line(error)})"

@@ -18,6 +18,7 @@ from pathlib import Path
 import click
 
 from gliderhpc.errors import GliderhpcError, InputError, message_line
+from gliderhpc.output_files import NO_SPACE
 from gliderhpc.version import __version__
 
 _REPLACED = "\N{REPLACEMENT CHARACTER}"
@@ -127,7 +128,7 @@ def print_left_out(reasons: Mapping[int, str]) -> None:
         echo(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
 
 
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = NO_SPACE
 """Error numbers of a full disk."""
 
 _UNUSABLE = (

@@ -6,7 +6,6 @@ ended, belongs to a killed run and is taken over. Workers check the lock before 
 run write nothing more.
 """
 
-import errno
 import json
 import logging
 import os
@@ -23,7 +22,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from gliderhpc.errors import ArchiveInUseError, InputError, RunStoppedError
-from gliderhpc.output_files import check_parents, link_unless_there
+from gliderhpc.output_files import check_parents, link_unless_there, raise_full_disk
 from gliderhpc.store_schema.location import Location, absolute, is_address, network_errors, with_suffix
 
 log = logging.getLogger(__name__)
@@ -242,8 +241,7 @@ def locked(archive: Location) -> Iterator[str]:
     try:
         _acquire(lock, holder, archive)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise
+        raise_full_disk(error, archive)
         if isinstance(error, FileExistsError | NotADirectoryError):
             check_parents(Path(absolute(archive)), "another place with `store`")
         raise InputError(

@@ -20,7 +20,7 @@ from gliderhpc.flight.glider import Glider
 from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.times import SECOND
 from gliderhpc.observations.truth import read_currents, truth_path
-from gliderhpc.output_files import check_output
+from gliderhpc.output_files import check_output, output_file
 from gliderhpc.platform import Platform
 from gliderhpc.simulator.files import append_truth, observation_columns, observation_file, truth_file
 from gliderhpc.simulator.plan import courses, plan_flight
@@ -299,10 +299,8 @@ def write_ocean_model(truth: str | Path, out: Path, seed: int) -> Path:
             "seed": seed,
         },
     )
-    try:
-        dataset.to_netcdf(out, engine="netcdf4")
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror or error})") from None
+    with output_file(out, overwrite=True) as aside:
+        dataset.to_netcdf(aside, engine="netcdf4")
     return out
 
 

@@ -28,6 +28,7 @@ from zarr.core.sync import sync
 from zarr.storage import LocalStore, MemoryStore, ObjectStore, StorePath
 
 from gliderhpc.errors import InputError, first_line
+from gliderhpc.output_files import raise_full_disk
 from gliderhpc.store_schema.codecs import MAX_INLINE_BYTES
 from gliderhpc.store_schema.schema import COMMITS, PROFILE, SCHEMA_NAME
 
@@ -120,7 +121,20 @@ class FolderStore(LocalStore):
         return super().get_sync(key, **options)
 
     async def set(self, key: str, value: Buffer) -> None:
-        """Store a value; a file is complete as soon as it has its name."""
+        """Store a value; a file is complete as soon as it has its name.
+
+        Raises
+        ------
+        OSError
+            The file system refuses the operation; if the disk is full, it has the archive's name.
+        """
+        try:
+            await self._write_file(key, value)
+        except OSError as error:
+            raise_full_disk(error, self.root)
+            raise
+
+    async def _write_file(self, key: str, value: Buffer) -> None:
         if len(value) > MAX_INLINE_BYTES or not self._is_open:
             return await super().set(key, value)
         self._check_writable()
@@ -279,8 +293,12 @@ def write_group(content: Mapping[str, Buffer], location: Location, group: str = 
     # In this thread: another thread would go on writing after Ctrl-C.
     for key in (*keys, *last):
         path = Path(location, group, key)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content[key].to_bytes())
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content[key].to_bytes())
+        except OSError as error:
+            raise_full_disk(error, location)
+            raise
 
 
 async def _set_many(target: Store, content: Mapping[str, Buffer]) -> None:

@@ -7,7 +7,6 @@ is removed when the new one is created.
 
 from __future__ import annotations
 
-import errno
 import logging
 import re
 import secrets
@@ -18,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gliderhpc.errors import InputError
+from gliderhpc.output_files import raise_full_disk
 from gliderhpc.store_schema.commits import has_commits, is_begun
 from gliderhpc.store_schema.location import Location, absolute, is_address, is_archive, remove
 
@@ -109,8 +109,7 @@ def replace(location: Location, create: Callable[[Location], None], token: str) 
         path.parent.mkdir(parents=True, exist_ok=True)
         aside = _exchange(path, create, token)
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise
+        raise_full_disk(error, location)
         raise InputError(f"{location}: cannot be written ({error.strerror}); give another place with `store`") from None
     return Predecessor(name, aside)
 

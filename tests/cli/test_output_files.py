@@ -4,6 +4,8 @@ import logging
 import os
 import shutil
 import stat
+import subprocess
+import sys
 
 import pytest
 from support import seaglider_files as made
@@ -194,3 +196,43 @@ def test_a_log_is_appended_to_an_earlier_log_or_an_empty_file(tmp_path):
     os.mkfifo(pipe)
     with pytest.raises(InputError, match="is not a regular file; give another --log-file"), logging_to(pipe):
         pass
+
+
+LITTLE_ROOM = """
+import resource, sys
+from gliderhpc.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (1024, resource.RLIM_INFINITY))
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize("verb", ["import", "currents", "simulate-mission", "inspect"])
+def test_a_file_that_does_not_fit_is_1_and_the_earlier_one_remains(brief, tmp_path, verb):
+    """The netCDF library reports this as an HDF error, and a full disk also as a denied permission."""
+    out = tmp_path / ("out.json" if verb == "inspect" else "out.nc")
+    if verb == "import":
+        write_netcdf(tmp_path / "raw.nc", flight())
+    arguments = {
+        "import": ("import", "slocum", tmp_path / "raw.nc", out),
+        "currents": ("currents", brief, out),
+        "simulate-mission": ("simulate-mission", out, "--platform", "petrel-l", "--profiles", 1, "--workers", 0),
+        "inspect": ("inspect", brief, "--platform", "petrel-l", "--out", out),
+    }[verb]
+    assert program(*arguments).status == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    done = subprocess.run(
+        [sys.executable, "-c", LITTLE_ROOM, *map(str, arguments), "--overwrite"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    last = done.stderr.splitlines()[-1]
+    assert (done.returncode, "; free some space and run it again" in last) == (1, True), done.stderr
+    assert f"gliderhpc: no space left to write {tmp_path}/out" in last
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_another_failure_of_the_library_is_no_full_disk(tmp_path):
+    with pytest.raises(RuntimeError, match="NetCDF: HDF error"), written_aside(tmp_path / "out.nc", overwrite=False):
+        raise RuntimeError("NetCDF: HDF error")
+    assert list(tmp_path.iterdir()) == []

@@ -39,9 +39,18 @@ def fill_and_fail(out, *, error, theirs=None):
 
 
 def test_a_failed_write_leaves_no_files(tmp_path):
+    lost = OSError(errno.EIO, "Input/output error")
+    with pytest.raises(InputError, match=r"study: cannot be written \(Input/output error\); give another `out`"):
+        fill_and_fail(tmp_path / "new" / "study", error=lost)
+    assert names(tmp_path) == []
+
+
+def test_a_full_disk_is_named_by_the_folder_and_leaves_no_files(tmp_path):
+    """The commands end with status 1, as for files and archives: the same command succeeds when there is space."""
     full = OSError(errno.ENOSPC, "No space left on device")
-    with pytest.raises(InputError, match=r"study: cannot be written \(No space left on device\); give another `out`"):
+    with pytest.raises(OSError, match="No space left on device") as error:
         fill_and_fail(tmp_path / "new" / "study", error=full)
+    assert error.value.filename == str(tmp_path / "new" / "study")
     assert names(tmp_path) == []
 
 

@@ -1,7 +1,7 @@
 """OceanGliders OG1 export: content of the file, round trip through the importer, and refused requests."""
 
+import errno
 import shutil
-from collections import namedtuple
 
 import netCDF4
 import numpy as np
@@ -10,6 +10,7 @@ import xarray as xr
 from support.archives import put_table_rows
 from support.missions import program
 
+from gliderhpc import output_files
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.estimation.currents import local_displacement
 from gliderhpc.observations import Fix, open_observations
@@ -402,8 +403,7 @@ def test_a_full_disk_is_1_and_leaves_nothing(brief_store, tmp_path, monkeypatch)
         raise RuntimeError("NetCDF: HDF error")
 
     monkeypatch.setattr(appended.AppendedFile, "_write", no_room)
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(appended.shutil, "disk_usage", lambda _: usage(10, 10, 0))
+    monkeypatch.setattr(output_files, "_error_of_write", lambda _: errno.ENOSPC)
     answer = program("export", "og1", brief_store, tmp_path / "out.nc")
     assert answer.status == 1
     assert f"no space left to write {tmp_path / 'out.nc'}; free some space and run it again" in answer.line

@@ -3,10 +3,7 @@
 The file appears only when it is complete, and the same content always gives the same bytes.
 """
 
-import errno
 import math
-import os
-import shutil
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -20,13 +17,10 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.writer import Attribute
-from gliderhpc.output_files import written_aside
+from gliderhpc.output_files import full_disk_error, written_aside
 
 CHUNK = 16_384
 """Rows in a chunk of the file along an axis that grows."""
-
-MIN_FREE_SPACE = 1 << 20
-"""Free bytes on the disk below which a failure that the library does not explain is attributed to a full disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +81,15 @@ class AppendedFile:
     ) -> None:
         self._path = path
         self._place = ExitStack()
-        aside = self._place.enter_context(written_aside(path, overwrite=overwrite))
+        self._aside = self._place.enter_context(written_aside(path, overwrite=overwrite))
         self._chunks = dict(chunks or {})
         self._epoch: np.datetime64 | None = None
         try:
-            self._file = netCDF4.Dataset(aside, "w", format="NETCDF4")
+            self._file = netCDF4.Dataset(self._aside, "w", format="NETCDF4")
         except OSError as error:
-            self._place.__exit__(type(error), error, None)
-            raise self._failure(error) from error
+            failure = self._failure(error)
+            self._place.__exit__(type(failure), failure, None)
+            raise failure from error
         self._file.setncatts(dict(attributes))
         self._variables: dict[str, Any] = {}
 
@@ -195,8 +190,5 @@ class AppendedFile:
         return seconds
 
     def _failure(self, error: Exception) -> Exception:
-        # The library reports a full disk as an HDF error.
-        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-        if full or (isinstance(error, RuntimeError) and shutil.disk_usage(self._path.parent).free < MIN_FREE_SPACE):
-            return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
-        return InputError(f"{self._path}: cannot be written: {getattr(error, 'strerror', None) or error}")
+        full = full_disk_error(error, self._aside, self._path)
+        return full or InputError(f"{self._path}: cannot be written: {getattr(error, 'strerror', None) or error}")

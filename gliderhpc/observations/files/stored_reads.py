@@ -86,7 +86,7 @@ class StoredReads:
         found = read(path, *arguments)
         try:
             _store(place, (found,))
-        except InputError as error:
+        except (InputError, OSError) as error:
             log.warning("%s; the file is read again next time", error)
         return found
 
