@@ -20,7 +20,7 @@ def interpreted(*arguments: object, options: tuple[str, ...] = (), **environment
         env={**os.environ, **{name: str(value) for name, value in environment.items()}},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
     )
     return Answer(done.returncode, done.stdout, done.stderr)

@@ -86,8 +86,10 @@ class StoredReads:
         found = read(path, *arguments)
         try:
             _store(place, (found,))
-        except (InputError, OSError) as error:
+        except InputError as error:
             log.warning("%s; the file is read again next time", error)
+        except OSError as error:
+            log.warning("%s: cannot be written: %s; the file is read again next time", place, error.strerror)
         return found
 
     def remove_unused(self) -> None:

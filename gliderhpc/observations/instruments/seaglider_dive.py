@@ -31,7 +31,7 @@ from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.nearest import onto_nearest
 from gliderhpc.observations.profiles import SURFACE_DEPTH, dive_span
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import SECOND, epoch_seconds
+from gliderhpc.observations.times import FIRST_YEAR, LAST_YEAR, SECOND, epoch_seconds
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,8 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     Raises
     ------
     InputError
-        The file lacks attitude, depth or a control, its depth is negative, its clock was set back, or it is truncated.
+        The file lacks attitude, depth or a control, its depth is negative, its clock was set back, it has no plausible
+        time, or it is truncated.
     ProfileError
         The file contains no dive, or one that is too shallow.
     """
@@ -245,6 +246,12 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     check_samples(samples, str(file.path), "is not sampled with time; give a per-dive file of the basestation")
     _check_clock(file, time)
     keep = increasing(time)
+    if len(keep) and not keep.any():
+        units = file.attribute("units", "time")
+        raise InputError(
+            f"{file.path}: none of its {len(keep)} times is in the years {FIRST_YEAR} to {LAST_YEAR}: time is in "
+            f"'{units}'; correct its units"
+        )
     samples = {name: values[keep] for name, values in samples.items()}
     samples |= _ctd(file, samples["time"].astype("datetime64[ns]"), remarks)
     remarks += check_limits(file, (depth_name, "eng_rollAng", "eng_pitchAng", "eng_head"))

@@ -1,5 +1,6 @@
 """A file that has not changed is read once, and the import equals that of all files read afresh."""
 
+import errno
 import functools
 import hashlib
 import pickle
@@ -157,6 +158,19 @@ def test_a_result_that_cannot_be_stored_is_still_a_result(tmp_path, caplog):
     reads = StoredReads(tmp_path / "no such folder", {path: "digest"})
     assert reads(lambda _: 7, path) == 7
     assert "the file is read again next time" in caplog.text
+
+
+def test_a_result_that_does_not_fit_onto_the_disk_is_still_a_result(tmp_path, caplog, monkeypatch):
+    path = tmp_path / "file"
+    path.write_text("text")
+    reads = StoredReads(tmp_path, {path: "digest"})
+
+    def fill(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fill)
+    assert reads(lambda _: 7, path) == 7
+    assert "cannot be written: No space left on device; the file is read again next time" in caplog.text
 
 
 def test_a_result_of_classes_that_this_python_lacks_is_read_again(tmp_path):

@@ -1,5 +1,6 @@
 """Clocks that were wrong for a while: a damaged time loses its row; a file with wrong times is skipped alone."""
 
+import re
 import shutil
 
 import netCDF4
@@ -160,6 +161,18 @@ def test_a_seaglider_file_with_wrong_times_costs_that_dive(tmp_path, shift):
     assert list(summary.rejected) == ["dive 3"]
     assert "p0990003.nc: the clock was wrong" in summary.rejected["dive 3"]
     assert summary.rows_dropped == {}
+
+
+def test_a_seaglider_file_whose_times_have_another_epoch_is_named_by_them(tmp_path):
+    """Its times count from 2000 but are declared from 1970; "has no depth" was reported."""
+    for dive in range(1, 4):
+        made.write_dive(tmp_path / "m", dive, columns=True, time=made.clock(dive) - 946_684_800.0 * (dive == 2))
+    summary = import_seaglider([tmp_path / "m"], tmp_path / "out.nc")
+    assert [profile.number for profile in summary.complete] == [1, 3]
+    assert re.search(
+        r"p0990002\.nc: none of its \d+ times is in the years 2000 to 2099: time is in 'seconds since 1970.*'; correct",
+        summary.rejected["dive 2"],
+    )
 
 
 def test_every_dive_without_a_profile_is_named(tmp_path):

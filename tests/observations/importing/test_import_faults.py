@@ -164,8 +164,8 @@ def overwrite_variable(path: Path, name: str, *, values=None, **attributes) -> N
     [
         ({"log_gps_lat": "sg_data_point"}, "they must have the same length"),
         ({"eng_pitchAng": "gps_info"}, "not sampled with time"),
-        ({"time": np.full(132, np.inf)}, "has no depth"),
-        ({"time": np.full(132, 1e300)}, "has no depth"),
+        ({"time": np.full(132, np.inf)}, "none of its 132 times is in the years"),
+        ({"time": np.full(132, 1e300)}, "none of its 132 times is in the years"),
         ({"log_D_FLARE": 9.96921e36, "log_D_SURF": 1e9}, "a dive begins below"),
         ({"eng_head": np.full(132, np.inf)}, "has no sample of heading"),
     ],
