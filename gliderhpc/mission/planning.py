@@ -1,7 +1,9 @@
 """Plan of a run: profiles, size of the archive, computing time, memory and disk."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -11,7 +13,6 @@ from gliderhpc.estimation.smoother.problem import steps_per_segment
 from gliderhpc.estimation.window_plan import plan_windows
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission.jobs import batch_size
-from gliderhpc.mission.memory import memory_limit
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import Observations
 from gliderhpc.wording import counted
@@ -36,6 +37,9 @@ _SMOOTHER_BYTES_PER_STEP, _SMOOTHER_BYTES_PER_SEGMENT = 4500, 8000
 """Memory of the one profile that is being smoothed: with its sensitivity to the hull at every record, and its tape."""
 _BYTES_PER_SAMPLE = 300
 """Memory of the one profile whose record is being read and resampled."""
+
+_GROUPS = Path("/sys/fs/cgroup")
+_GROUPS_OF_PROCESS = Path("/proc/self/cgroup")
 
 
 @dataclass(frozen=True)
@@ -174,3 +178,55 @@ def _check_margin(observations: Observations, settings: MissionSettings, profile
             f"`window.margin={settings.window.margin:g}`: must be shorter than the window, {length:g} s here; "
             "set `window.length` too"
         )
+
+
+# Memory of this machine
+
+
+def memory_limit() -> float:
+    """Return the memory (bytes) available to all processes of a run on this machine; infinite if unknown.
+
+    It is the smallest of the physical memory, the limits of the control groups and the limit of the address space.
+    """
+    return min(_physical(), *_group_limits(), _address_space())
+
+
+def _physical() -> float:
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (ValueError, OSError):
+        return float("inf")
+
+
+def _address_space() -> float:
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit.
+        return float("inf")
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
+
+
+def _group_limits() -> Iterator[float]:
+    """Yield the limits of this process's control groups (versions 2 and 1) and of their parents."""
+    try:
+        lines = _GROUPS_OF_PROCESS.read_text("utf-8").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, controllers, group = line.split(":", 2)
+        if controllers not in ("", "memory"):
+            continue
+        root, name = (_GROUPS, "memory.max") if not controllers else (_GROUPS / "memory", "memory.limit_in_bytes")
+        group_folder = root / group.lstrip("/")
+        for folder in (group_folder, *group_folder.parents):
+            if folder.is_relative_to(root):
+                yield _limit_in(folder / name)
+
+
+def _limit_in(file: Path) -> float:
+    try:
+        text = file.read_text("utf-8").strip()
+    except OSError:
+        return float("inf")
+    return float(text) if text.isdigit() else float("inf")

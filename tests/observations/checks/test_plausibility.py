@@ -11,7 +11,6 @@ from support.seaglider_files import pitches, write_dive
 
 from gliderhpc.errors import InputError
 from gliderhpc.mission import planning
-from gliderhpc.mission.memory import memory_limit
 from gliderhpc.mission.planning import plan_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations, write_observations
@@ -365,7 +364,7 @@ def test_more_memory_than_the_machine_has_is_refused(tmp_path, monkeypatch):
 
 
 def test_the_machine_has_some_memory():
-    assert 1e8 < memory_limit() < 1e15
+    assert 1e8 < planning.memory_limit() < 1e15
 
 
 def test_local_intervals_do_not_depend_on_the_block(monkeypatch):
