@@ -10,7 +10,7 @@ from gliderhpc.estimation.priors import default_prior
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.platform import read_platform
 from gliderhpc.twins.cases import TwinCase, drawn_from, with_impulses, world
-from gliderhpc.twins.estimators.conclusions import Purpose, describe_recommendation, describe_tally, recommend
+from gliderhpc.twins.estimators.experiment import Purpose, describe_recommendation, describe_tally, recommend
 from gliderhpc.twins.estimators.methods import ESTIMATORS, SMOOTHER, EstimatorResult, TwinCache
 from gliderhpc.twins.estimators.runs import (
     EstimatorsSize,
