@@ -20,9 +20,9 @@ from gliderhpc.observations import ProfileRecord, open_observations
 from gliderhpc.observations.profile_numbers import evenly_spaced
 from gliderhpc.record_checks import CheckVerdict, Finding, Inspection, inspect_records
 from gliderhpc.record_checks.compass import CONSTANT, DEVIATION
+from gliderhpc.record_checks.finding import HEADINGS
 from gliderhpc.record_checks.inspection import LAG, inspect_profiles
 from gliderhpc.record_checks.pitch import GAIN, PITCH, VOLUME
-from gliderhpc.report.record_checks import HEADINGS, finding_row
 from gliderhpc.simulator import Scenario, load_scenario, simulate_profile
 
 PLATFORM = "petrel-l"
@@ -119,7 +119,7 @@ def twin_table(errors: RecordSettings, found: Sequence[Inspection]) -> str:
 
 def real_table(found: Mapping[str, Inspection]) -> str:
     """Markdown of every finding on real missions."""
-    rows = [[name, *finding_row(finding)[1:]] for name, inspection in found.items() for finding in inspection.findings]
+    rows = [[name, *finding.cells[1:]] for name, inspection in found.items() for finding in inspection.findings]
     return markdown(("mission", *HEADINGS[1:]), rows)
 
 

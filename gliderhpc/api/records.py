@@ -34,7 +34,6 @@ from gliderhpc.observations.navigation.columns import NavigationColumns
 from gliderhpc.observations.profile_numbers import select_profiles
 from gliderhpc.platform import Platform
 from gliderhpc.record_checks import Inspection, inspect_records
-from gliderhpc.report.record_checks import content
 from gliderhpc.wording import most_frequent_reason
 
 log = logging.getLogger("gliderhpc.import")
@@ -267,7 +266,7 @@ class InspectedRecords:
     @property
     def table(self) -> pd.DataFrame:
         """One row per finding: check, quantity, unit, size, standard error, threshold, verdict, suggestion, remark."""
-        rows = content(self.inspection)["findings"]
+        rows = self.inspection.as_json()["findings"]
         rows = [row | {"suggestion": _setting(row["suggestion"])} for row in rows]
         return pd.DataFrame(rows).astype(dict.fromkeys(("size", "standard_error", "threshold"), float))
 

@@ -25,7 +25,7 @@ from gliderhpc.observations.instruments.seaglider import import_seaglider
 from gliderhpc.observations.instruments.slocum import import_slocum
 from gliderhpc.output_files import check_output, write_text
 from gliderhpc.record_checks import Inspection
-from gliderhpc.report.record_checks import HEADINGS, content, finding_row
+from gliderhpc.record_checks.finding import HEADINGS
 from gliderhpc.wording import counted
 
 
@@ -292,14 +292,14 @@ def inspect(
         inspection = inspect_open(opened, platform, settings, profiles)
     _print_findings(inspection)
     if out is not None:
-        write_text(out, with_options(json.dumps(content(inspection), indent=2)) + "\n", overwrite=overwrite)
+        write_text(out, with_options(json.dumps(inspection.as_json(), indent=2)) + "\n", overwrite=overwrite)
         echo(f"written to {out}")
     return DONE
 
 
 def _print_findings(inspection: Inspection) -> None:
     print_left_out(inspection.left_out)
-    rows = [finding_row(finding)[:7] for finding in inspection.findings]
+    rows = [finding.cells[:7] for finding in inspection.findings]
     results().print(table(f"records of {counted(len(inspection.profiles), 'profile')}", rows, HEADINGS[:7], _WORDS))
     for finding in inspection.findings:
         echo(f"{finding.quantity}: {finding.remark}")

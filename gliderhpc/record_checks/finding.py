@@ -1,11 +1,16 @@
 """Findings of the checks of the records, and the settings of their thresholds."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 from pydantic import Field
 
 from gliderhpc.estimation.settings import Settings
+
+HEADINGS = ("check", "quantity", "unit", "size", "standard error", "threshold", "verdict", "suggestion", "remark")
+"""Headings of the table of findings."""
 
 
 class CheckSettings(Settings):
@@ -79,6 +84,38 @@ class Finding:
         """One line for a log."""
         text = f"records: {self.quantity} {self.size:+.3g} {self.unit}, standard error {self.error:.2g}"
         return f"{text}; {self.suggestion}" if self.suggestion else text
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table of findings, by `HEADINGS`, with a suggestion only if an error is found."""
+        figures = (f"{self.size:+.3g}", f"{self.error:.2g}", f"{self.threshold:.2g}")
+        return (
+            self.check,
+            self.quantity,
+            self.unit,
+            *(figures if math.isfinite(self.size) else ("", "", "")),
+            self.verdict.value,
+            self.suggestion if self.found else "",
+            self.remark,
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values for JSON, None where undetermined, with a suggestion only if an error is found."""
+        return {
+            "check": self.check,
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "size": _finite_or_none(self.size),
+            "standard_error": _finite_or_none(self.error),
+            "threshold": _finite_or_none(self.threshold),
+            "verdict": self.verdict.value,
+            "suggestion": self.suggestion if self.found else "",
+            "remark": self.remark,
+        }
+
+
+def _finite_or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 class UndeterminedError(Exception):

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -213,6 +214,10 @@ class Inspection:
     def found(self) -> tuple[Finding, ...]:
         """Findings beyond their threshold."""
         return tuple(finding for finding in self.findings if finding.found)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the profiles and the findings as plain values for JSON."""
+        return {"profiles": list(self.profiles), "findings": [finding.as_json() for finding in self.findings]}
 
 
 @dataclass
