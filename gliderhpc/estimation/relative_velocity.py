@@ -74,11 +74,19 @@ def measured_velocity(platform: Platform, series: ProfileSeries, steady: Mask) -
     angles, depth = series.measurements[:, :2], series.measurements[:, 3]
     attack = np.nan_to_num(angle_of_attack(platform, angles[:, 1]))
     usable = steady & (series.weights > 0.0)
-    return assess_velocity(series.velocity, series.velocity_std, angles, depth, depth_rate(series), usable, attack)
+    return assess_velocity(
+        series.velocity,
+        series.velocity_std,
+        angles=angles,
+        depth=depth,
+        rate=depth_rate(series),
+        usable=usable,
+        attack=attack,
+    )
 
 
 def assess_velocity(
-    values: Array, std: Array, angles: Array, depth: Array, rate: Array, usable: Mask, attack: ArrayLike
+    values: Array, std: Array, *, angles: Array, depth: Array, rate: Array, usable: Mask, attack: ArrayLike
 ) -> RelativeVelocity:
     """Judge the samples of a velocity relative to the water by the rest of the record.
 

@@ -46,7 +46,13 @@ def _glide(n=400, speed=0.36, attack=0.046, pitch=0.4):
 def _assessed(change=lambda velocity: velocity, std=0.02, n=400):
     velocity, angles, depth, rate, alpha = _glide(n)
     return assess_velocity(
-        change(velocity), np.full_like(velocity, std), angles, depth, rate, np.ones(len(rate), bool), alpha
+        change(velocity),
+        np.full_like(velocity, std),
+        angles=angles,
+        depth=depth,
+        rate=rate,
+        usable=np.ones(len(rate), bool),
+        attack=alpha,
     )
 
 
@@ -84,7 +90,13 @@ def test_a_velocity_that_contradicts_the_depth_rate_is_refused(change):
 def test_vertical_motion_of_the_water_is_no_contradiction():
     velocity, angles, depth, rate, alpha = _glide()
     found = assess_velocity(
-        velocity, np.full_like(velocity, 0.02), angles, depth, rate + 0.05, np.ones(len(rate), bool), alpha
+        velocity,
+        np.full_like(velocity, 0.02),
+        angles=angles,
+        depth=depth,
+        rate=rate + 0.05,
+        usable=np.ones(len(rate), bool),
+        attack=alpha,
     )
     assert found.refusal == ""
 
@@ -118,7 +130,13 @@ def test_samples_near_the_surface_are_not_used():
     velocity, angles, _, rate, alpha = _glide()
     depth = np.linspace(0.0, 100.0, len(rate))
     found = assess_velocity(
-        velocity, np.full_like(velocity, 0.02), angles, depth, rate, np.ones(len(rate), bool), alpha
+        velocity,
+        np.full_like(velocity, 0.02),
+        angles=angles,
+        depth=depth,
+        rate=rate,
+        usable=np.ones(len(rate), bool),
+        attack=alpha,
     )
     assert np.isnan(found.values[depth <= 5.0]).all()
     assert np.isfinite(found.values[depth > 5.0]).all()

@@ -238,7 +238,7 @@ def hull_information(
         vertical_motion_slopes(displacement[problem.fed], problem.measured.shape[1]),
     )
     informations, sensitivity = _information_and_sensitivity(
-        profile, last, records, parameters, sample_errors, smoothed, rows
+        profile, last, records, smoothed, rows, parameters=parameters, sample_errors=sample_errors
     )
     covariance = stated_errors(platform, parameters).covariance
     without_motion = len(informations[0].score) - displacement.shape[1]
@@ -270,10 +270,11 @@ def _information_and_sensitivity(
     profile: PreparedProfile,
     last: LastPass,
     records: RecordSettings,
-    parameters: Sequence[HullParameter],
-    sample_errors: Sequence[Array],
     smoothed: Trajectory,
     rows: Rows,
+    *,
+    parameters: Sequence[HullParameter],
+    sample_errors: Sequence[Array],
 ) -> tuple[tuple[ErrorInformation, ...], Sensitivity]:
     """Return the information under each assumption of the noise, and the sensitivity of the estimate at some rows.
 

@@ -120,7 +120,7 @@ def read_water(
     casts: dict[str, list[_Cast]] = {}
     for (sensor, columns), by_rate in layouts.items():
         casts.setdefault(sensor, []).extend(
-            _read_cast(paths, dict(columns), time, depth, dropped, faults, reads) for paths in by_rate
+            _cast(_read_payload(paths, columns, dropped, faults, reads), columns, time, depth) for paths in by_rate
         )
     sensors = sorted(casts, key=lambda sensor: -sum(_sample_count(cast) for cast in casts[sensor]))
     if not sensors:
@@ -205,7 +205,9 @@ def _salinity(conductivity: FloatArray, temperature: FloatArray, pressure: Float
     return np.asarray(gsw.SP_from_C(TO_MS_PER_CM[unit] * conductivity, temperature, pressure), dtype=np.float64)
 
 
-Layout = tuple[str, tuple[tuple[str, str], ...]]
+Columns = tuple[tuple[str, str], ...]
+"""Quantities of a CTD, each with the name of its column."""
+Layout = tuple[str, Columns]
 """A CTD and its columns."""
 
 
@@ -226,24 +228,26 @@ def _layouts(files: SeaExplorerFiles, reads: Reads) -> tuple[dict[Layout, list[d
     return layouts, faults
 
 
-def _read_cast(
+def _read_payload(
     paths: Mapping[int, Path],
-    columns: Mapping[str, str],
-    time: TimeArray,
-    depth: FloatArray,
+    columns: Columns,
     dropped: Counter[str],
     faults: dict[int, list[str]],
     reads: Reads,
-) -> _Cast:
-    """Read one CTD's columns from the files of one kind."""
+) -> Rows:
+    """Read one CTD's columns from the files of one kind; count the dropped rows, and add the faults of the files."""
     everything = (-np.inf, np.inf)
-    ranges = {name: _RANGES.get(quantity, everything) for quantity, name in columns.items()}
+    ranges = {name: _RANGES.get(quantity, everything) for quantity, name in columns}
     found = read_rows(paths, CLOCK, ranges, label="payload: ", reads=reads)
-    rows = found.rows
     dropped.update(found.dropped)
     for cycle, why in found.rejected.items():
         faults.setdefault(cycle, []).append(why)
-    measured = {quantity: rows[name] for quantity, name in columns.items()}
+    return found.rows
+
+
+def _cast(rows: Rows, columns: Columns, time: TimeArray, depth: FloatArray) -> _Cast:
+    """Arrange the rows of one CTD by quantity; the navigation rows give the pressure that a CTD lacks."""
+    measured = {quantity: rows[name] for quantity, name in columns}
     absent = np.full(len(rows), np.nan)
     return _Cast(
         rows.time,
