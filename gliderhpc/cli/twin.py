@@ -69,53 +69,53 @@ def twin() -> None:
 @twin.command(WINDOWS.name, cls=Verb)
 @_PLATFORMS
 @_common
-def windows(platforms: tuple[str, ...], **how: Any) -> int:
+def windows(platforms: tuple[str, ...], **arguments: Any) -> int:
     """Effect of window length, margin, handover and transform on the errors (Figure 5).
 
     \b
     Example:
       gliderhpc twin windows --out twins --platform petrel-l --seeds 10
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _run(WINDOWS, platforms or _HULLS, **how)
+    return _run(WINDOWS, platforms or _HULLS, **arguments)
 
 
 @twin.command(SENSITIVITY.name, cls=Verb)
 @_PLATFORM
 @_common
-def sensitivity(platform: str, **how: Any) -> int:
+def sensitivity(platform: str, **arguments: Any) -> int:
     """Effect of noise, offsets, wrong coefficients, steps, sample intervals and gaps on the whole pipeline.
 
     \b
     Example:
       gliderhpc twin sensitivity --out twins --platform seawing
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _run(SENSITIVITY, [platform], **how)
+    return _run(SENSITIVITY, [platform], **arguments)
 
 
 @twin.command(RECOVERABILITY.name, cls=Verb)
 @_PLATFORM
 @_common
-def recoverability(platform: str, **how: Any) -> int:
+def recoverability(platform: str, **arguments: Any) -> int:
     """Detectable yaw impulses, and the uncertainty budget of the current: budget.yaml.
 
     \b
     Example:
       gliderhpc twin recoverability --out twins --platform petrel-l
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _run(RECOVERABILITY, [platform], **how)
+    return _run(RECOVERABILITY, [platform], **arguments)
 
 
 @twin.command(ESTIMATORS.name, cls=Verb)
 @_PLATFORM
 @_common
-def estimators(platform: str, **how: Any) -> int:
+def estimators(platform: str, **arguments: Any) -> int:
     """Filter, smoothers and adjoint on the same twins: errors, intervals, cost, and which to use for what.
 
     \b
     Example:
       gliderhpc twin estimators --out twins --quick
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _run(ESTIMATORS, [platform], **how)
+    return _run(ESTIMATORS, [platform], **arguments)
 
 
 @twin.command(CURRENTS, cls=Verb)
@@ -126,14 +126,14 @@ def estimators(platform: str, **how: Any) -> int:
     help="budget.yaml of `twin recoverability`: compared with the fitted constants, and written with them.",
 )
 @_common
-def currents(platform: str, budget: Path | None, **how: Any) -> int:
+def currents(platform: str, budget: Path | None, **arguments: Any) -> int:
     """Coverage of the current's ellipses, and the transfer function of its depth-resolved part by vertical scale.
 
     \b
     Example:
       gliderhpc twin currents --out twins --budget twins/budget.yaml
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
-    return _run(currents_study(None if budget is None else read_budget(budget)), [platform], **how)
+    return _run(currents_study(None if budget is None else read_budget(budget)), [platform], **arguments)
 
 
 def _run(

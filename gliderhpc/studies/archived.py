@@ -195,10 +195,10 @@ def study_table(archive: Archive, name: str) -> pd.DataFrame:
     InputError
         The study was written by a version of this program that did not record its columns.
     """
-    made = provenance_of(archive, name)
+    provenance = provenance_of(archive, name)
     own, mission = (node.to_dataset() for node in (archive[name], archive))
-    at = {PROFILE: list(made.profiles)}
-    columns = {column: (own if column in own else mission)[column].sel(at).values for column in made.columns}
+    at = {PROFILE: list(provenance.profiles)}
+    columns = {column: (own if column in own else mission)[column].sel(at).values for column in provenance.columns}
     return pd.DataFrame({column: as_cells(values) for column, values in columns.items()})
 
 

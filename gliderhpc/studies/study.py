@@ -251,7 +251,7 @@ class Study:
         write_manifests(request.archive, self.name, digests)
         write_whole(request.archive, self.name, {**plan.prepared.variables, **content.variables})
         unused = (self.estimate_unused,) if self.estimate_unused and request.estimate != ADJOINT else ()
-        made = Provenance(
+        provenance = Provenance(
             plan.numbers if self.profile is None else tuple(rows),
             self._columns(rows) if content.columns is None else content.columns,
             request.estimate,
@@ -260,7 +260,7 @@ class Study:
             plan.remarks + begun + unused + content.remarks,
         )
         own = self.own_attributes(request)
-        attributes = {**made.attributes(), **own, **plan.prepared.attributes, **content.attributes}
+        attributes = {**provenance.attributes(), **own, **plan.prepared.attributes, **content.attributes}
         finish_study(request.archive, self.name, as_plain(attributes))
 
     def plan(self, request: Request, settings: Any) -> Plan:

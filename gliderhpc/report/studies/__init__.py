@@ -19,7 +19,7 @@ from gliderhpc.studies.registry import ALL_STUDIES
 
 def show_table(name: str, archive: Archive) -> Findings:
     """Make the findings of a study from nothing but its rows and their declaration in the schema."""
-    made, table = provenance_of(archive, name), study_table(archive, name)
+    provenance, table = provenance_of(archive, name), study_table(archive, name)
     failed, known = failed_profiles(table)
     variables = {variable.name: variable for variable in study_called(name).variables}
     meanings = "; ".join(
@@ -27,8 +27,8 @@ def show_table(name: str, archive: Archive) -> Findings:
         for column in table
         if column in variables and column not in ("profile", "message")
     )
-    caption = f"One row per profile: {describe_data(made, known['profile'].tolist())}. Columns: {meanings}."
-    facts = {"profiles": list(made.profiles), "quick": made.quick, "medians": column_medians(known)}
+    caption = f"One row per profile: {describe_data(provenance, known['profile'].tolist())}. Columns: {meanings}."
+    facts = {"profiles": list(provenance.profiles), "quick": provenance.quick, "medians": column_medians(known)}
     return archive_findings(
         name,
         comparisons=(),
@@ -36,7 +36,7 @@ def show_table(name: str, archive: Archive) -> Findings:
         figures={},
         facts=facts,
         failed=failed,
-        remarks=made.remarks,
+        remarks=provenance.remarks,
         captions={name: caption},
     )
 

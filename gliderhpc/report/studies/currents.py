@@ -218,22 +218,22 @@ def _draw_track(axes: Axes, archive: Archive, data: ProfileData, study: xr.Datas
 
 
 def captions(
-    made: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, drawn: Mapping[str, int]
+    provenance: Provenance, table: pd.DataFrame, settings: DepthResolvedSettings, drawn: Mapping[str, int]
 ) -> dict[str, str]:
     """Return the captions of the table and of the figures, by stem."""
     figures = {
-        stem: _figure_caption(made, table[table["profile"] == profile].iloc[0], settings)
+        stem: _figure_caption(provenance, table[table["profile"] == profile].iloc[0], settings)
         for stem, profile in drawn.items()
     }
-    return {"currents": _table_caption(made, table)} | figures
+    return {"currents": _table_caption(provenance, table)} | figures
 
 
-def _table_caption(made: Provenance, table: pd.DataFrame) -> str:
+def _table_caption(provenance: Provenance, table: pd.DataFrame) -> str:
     known = int(table["current_north"].notna().sum())
     text = (
-        f"Depth-averaged current from the fixes and the self-motion of {estimate_label(made)}, with every term of its "
-        f"uncertainty, and a summary of the depth-resolved current: {describe_data(made)}, {known} of them with a "
-        "current. "
+        f"Depth-averaged current from the fixes and the self-motion of {estimate_label(provenance)}, with every term "
+        f"of its uncertainty, and a summary of the depth-resolved current: {describe_data(provenance)}, {known} of "
+        "them with a current. "
     )
     if "ellipse_major" not in table:
         return text + "Without a fix before and after the dive there is no ellipse."
@@ -252,16 +252,16 @@ def _errors_included(table: pd.DataFrame) -> str:
     return " and ".join(hull + ([f"assumed errors of {listed}"] if names else []))
 
 
-def _figure_caption(made: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
+def _figure_caption(provenance: Provenance, row: pd.Series, settings: DepthResolvedSettings) -> str:
     noise = bool(np.isfinite(row["significant_fraction"]))
     hull = f"moment coefficients in error by up to {settings.coefficient_error:.0%} ({settings.draws} draws)"
     known = f"{hull} and the noise of the yaw moment" if noise else f"{hull}; the yaw moment's noise is not known"
     share = number(float(row["coefficient_share"]))
     mean = ", plus the depth-averaged current (dashed)" if np.isfinite(row["current_north"]) else ""
     return (
-        f"Profile {int(row['profile'])}: current by depth (eq. 41), from the yaw moment of {estimate_label(made)} "
-        f"minus its moving average over {settings.baseline:g} s, smoothed over {settings.smoothing:g} s, in bins of "
-        f"{settings.bin:g} m{mean}. Bands are two sigma from {known}; errors of "
+        f"Profile {int(row['profile'])}: current by depth (eq. 41), from the yaw moment of "
+        f"{estimate_label(provenance)} minus its moving average over {settings.baseline:g} s, smoothed over "
+        f"{settings.smoothing:g} s, in bins of {settings.bin:g} m{mean}. Bands are two sigma from {known}; errors of "
         f"the coefficients alone give a relative scatter of the lateral current of {share}. It is a lower bound: the "
         "hull follows slow changes of the current, and the vertical scales named below the panels are not resolved."
     )
@@ -306,15 +306,17 @@ PAPER_COEFFICIENT_SHARE, PAPER_ABSOLUTE_SHARE = 0.30, 0.015
 
 def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
-    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
-    settings = DepthResolvedSettings.model_validate(made.settings)
+    provenance, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = DepthResolvedSettings.model_validate(provenance.settings)
     refused, retrieved = failed_profiles(table)
-    remarks = made.remarks
+    remarks = provenance.remarks
     if refused:
         remarks = (*remarks, f"{len(refused)} of {counted(len(table), 'profile')}: {next(iter(refused.values()))}")
-    facts = shared_facts(made) | {"settings": settings.model_dump(), "medians": column_medians(table)}
+    facts = shared_facts(provenance) | {"settings": settings.model_dump(), "medians": column_medians(table)}
     drawn = {f"figure_7_profile_{number}": number for number in retrieved["profile"][:DRAWN].tolist()}
-    figures = {stem: partial(_figure_7_of, archive, number, made.estimate, settings) for stem, number in drawn.items()}
+    figures = {
+        stem: partial(_figure_7_of, archive, number, provenance.estimate, settings) for stem, number in drawn.items()
+    }
     return archive_findings(
         NAME,
         comparisons=_comparisons(table),
@@ -323,7 +325,7 @@ def show(archive: Archive) -> Findings:
         facts=facts,
         failed={},
         remarks=remarks,
-        captions=captions(made, table, settings, drawn),
+        captions=captions(provenance, table, settings, drawn),
     )
 
 

@@ -185,7 +185,7 @@ def _draw(
 
 
 def captions(
-    made: Provenance,
+    provenance: Provenance,
     table: pd.DataFrame,
     findings: DriftFindings,
     settings: DriftSettings,
@@ -194,7 +194,7 @@ def captions(
 ) -> dict[str, str]:
     """Return the captions by stem."""
     epochs = int(table["epoch"].nunique())
-    data = f"{describe_data(made)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
+    data = f"{describe_data(provenance)} in {epochs} epochs, steady glide between {band[0]:.0f} and {band[1]:.0f} m"
     reference = findings.verdict.drags[0].reference
     whose = " and ".join(ESTIMATES[own.estimate] for own in findings.primary)
     shown = [f"{channel} {phase} ({own.estimate})" for own in findings.primary for channel, phase in own.drifting]
@@ -213,7 +213,7 @@ def captions(
             f"coefficients. {changes} {moments}"
         ),
         "drag": f"{_drag_caption(findings.verdict, whose, data)} {changes}",
-        **_change_captions(f"by {whose}: {describe_data(made)}", settings.changes, changes, moments),
+        **_change_captions(f"by {whose}: {describe_data(provenance)}", settings.changes, changes, moments),
         **_table_captions(settings.coefficients, data, robust, segments),
     }
 
@@ -285,8 +285,8 @@ def _by_information(archive: Archive, findings: DriftFindings) -> tuple[str, ...
 
 def show(archive: Archive) -> Findings:
     """Show the study of an archive: trends, drag and verdict are computed from the stored medians and slopes."""
-    made, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
-    settings = DriftSettings.model_validate(made.settings)
+    provenance, table, slopes = provenance_of(archive, NAME), study_table(archive, NAME), read_slopes(archive)
+    settings = DriftSettings.model_validate(provenance.settings)
     findings = _drift_findings(archive, table, slopes, settings)
     changes, moments = findings.verdict.changes, findings.verdict.moments
     increase = settings.drag_increase
@@ -295,10 +295,10 @@ def show(archive: Archive) -> Findings:
     band, segments = stored_attribute(archive, NAME, "depth_band"), stored_attribute(archive, NAME, "segments")
     change_table = change_rows(changes, findings.verdict.drags[0].reference)
     facts = {
-        "profiles": list(made.profiles),
+        "profiles": list(provenance.profiles),
         "epochs": [tuple(epoch["profile"].tolist()) for _, epoch in of_epochs(table).groupby("epoch")],
         "depth_band": band,
-        "quick": made.quick,
+        "quick": provenance.quick,
         "settings": settings.model_dump(),
         "verdict": findings.verdict.as_json(increase),
         "segments": segments,
@@ -313,7 +313,7 @@ def show(archive: Archive) -> Findings:
         "drag": partial(drag_figure, mission_of(archive), table, findings.verdict.drags, changes.found),
     }
     by_medians = verdict_lines(findings.verdict, findings.primary, increase)
-    remarks = (*made.remarks, *_inputs(findings), *by_medians, *_by_information(archive, findings))
+    remarks = (*provenance.remarks, *_inputs(findings), *by_medians, *_by_information(archive, findings))
     documents = {
         "table_5.md": table_5_text(rows_5),
         "table_6.md": table_6_text(rows_6, settings.coefficients, findings.check),
@@ -326,7 +326,7 @@ def show(archive: Archive) -> Findings:
         facts=facts,
         failed=failed_profiles(table)[0],
         remarks=remarks,
-        captions=captions(made, table, findings, settings, band, segments),
+        captions=captions(provenance, table, findings, settings, band, segments),
         documents=documents,
     )
 

@@ -46,19 +46,23 @@ PAPER_AMPLITUDES = (0.36, 2.98)
 
 def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of the study of an archive."""
-    made, table, events = provenance_of(archive, NAME), study_table(archive, NAME), catalogue(archive)
-    settings = EventSettings.model_validate(made.settings)
+    provenance, table, events = provenance_of(archive, NAME), study_table(archive, NAME), catalogue(archive)
+    settings = EventSettings.model_validate(provenance.settings)
     stored = stored_attribute(archive, NAME, "floor")
     floor = None if stored is None else NullFloor(**stored)
     failed, studied = failed_profiles(table)
     strongest = events.head(settings.strongest)
     ranked_by = _threshold_name(settings, floor)
-    facts = shared_facts(made) | {
+    facts = shared_facts(provenance) | {
         "settings": settings.model_dump(mode="json"),
         "ranked_by": ranked_by,
         "events": len(events),
     }
-    remarks = (*made.remarks, *_width_remarks(archive, strongest, made.estimate)) if len(strongest) else made.remarks
+    remarks = (
+        (*provenance.remarks, *_width_remarks(archive, strongest, provenance.estimate))
+        if len(strongest)
+        else provenance.remarks
+    )
     times = [pd.Timestamp(str(time)).isoformat(sep=" ", timespec="milliseconds") for time in events["time"]]
     listed = events.assign(time=times)
     return archive_findings(
@@ -69,7 +73,7 @@ def show(archive: Archive) -> Findings:
         facts=facts,
         failed=failed,
         remarks=remarks,
-        captions=_captions(made, events, settings, floor, ranked_by),
+        captions=_captions(provenance, events, settings, floor, ranked_by),
     )
 
 
@@ -144,11 +148,11 @@ def _range(values: pd.Series) -> tuple[float, float] | None:
 
 
 def _captions(
-    made: Provenance, events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None, ranked_by: str
+    provenance: Provenance, events: pd.DataFrame, settings: EventSettings, floor: NullFloor | None, ranked_by: str
 ) -> dict[str, str]:
     """Describe the data of the catalogue, and the uncertainty of its entries."""
     searched = (
-        f"{describe_series(made, settings)}, in {describe_data(made)}"
+        f"{describe_series(provenance, settings)}, in {describe_data(provenance)}"
         f"{', actuated samples included' if settings.actuated else ', actuated samples left out'}"
     )
     text = (

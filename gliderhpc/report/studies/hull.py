@@ -271,9 +271,9 @@ def _draw(axes: Axes, history: HullHistory, p: HullParameter) -> None:
 
 def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
-    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    provenance, table = provenance_of(archive, NAME), study_table(archive, NAME)
     failed, known = failed_profiles(table)
-    history = read_history(archive, made.profiles)
+    history = read_history(archive, provenance.profiles)
     parameters = parameter_table(history)
     inflation = float(stored_attribute(archive, NAME, "inflation"))
     verdict = (*joint_lines(history), *verdict_lines(history))
@@ -284,10 +284,10 @@ def show(archive: Archive) -> Findings:
         Comparison("dives that do not fit the others (weight below one half)", "1", float(len(doubted))),
     )
     facts = {
-        "profiles": list(made.profiles), "quick": made.quick, "verdict": list(verdict), "inflation": inflation,
-        "log_evidence": stored_attribute(archive, NAME, "log_evidence"), "doubted": doubted,
+        "profiles": list(provenance.profiles), "quick": provenance.quick, "verdict": list(verdict),
+        "inflation": inflation, "log_evidence": stored_attribute(archive, NAME, "log_evidence"), "doubted": doubted,
     }  # fmt: skip
-    data = describe_data(made, known["profile"].astype(int).tolist())
+    data = describe_data(provenance, known["profile"].astype(int).tolist())
     return archive_findings(
         NAME,
         comparisons=comparisons,
@@ -295,7 +295,7 @@ def show(archive: Archive) -> Findings:
         figures={"hull": partial(hull_figure, history, mission_of(archive))},
         facts=facts,
         failed=failed,
-        remarks=(*verdict, *implausible_lines(parameters), *made.remarks),
+        remarks=(*verdict, *implausible_lines(parameters), *provenance.remarks),
         captions=_captions(parameters, data),
     )
 

@@ -46,18 +46,18 @@ _COLOURS = (MODEL, "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of the study of an archive, with its nulls if it has any."""
-    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
-    settings = IntermittencySettings.model_validate(made.settings)
+    provenance, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = IntermittencySettings.model_validate(provenance.settings)
     failed, studied = failed_profiles(table)
-    nulls, null_remarks = stored_nulls(archive, made.estimate, settings)
+    nulls, null_remarks = stored_nulls(archive, provenance.estimate, settings)
     numbers = studied["profile"].tolist()
     ensembles = Ensembles(studied, nulls, settings)
     verdict = judge(ensembles)
-    facts = shared_facts(made) | {"settings": settings.model_dump(mode="json"), "verdict": verdict.as_json()}
+    facts = shared_facts(provenance) | {"settings": settings.model_dump(mode="json"), "verdict": verdict.as_json()}
     tables = {"profiles": table, "ranges": _ranges(archive, numbers), "table_3": table_3(ensembles)}
     if verdict.gaussianity is not None:
         tables["gaussianity"] = _gaussianity(archive, numbers)
-    about_band = band_remarks(table, settings, series_step(archive, made.estimate))
+    about_band = band_remarks(table, settings, series_step(archive, provenance.estimate))
     return archive_findings(
         NAME,
         comparisons=ensemble_comparisons(ensembles),
@@ -65,8 +65,8 @@ def show(archive: Archive) -> Findings:
         figures={"figure_6": partial(figure_6, archive, studied, settings)} if len(studied) else {},
         facts=facts,
         failed=failed,
-        remarks=(*made.remarks, *about_band, *_noise_remarks(verdict, studied), *null_remarks, verdict.sentence),
-        captions=_captions(made, table, ensembles),
+        remarks=(*provenance.remarks, *about_band, *_noise_remarks(verdict, studied), *null_remarks, verdict.sentence),
+        captions=_captions(provenance, table, ensembles),
         documents={"verdict.md": table_3_text(ensembles) + "\n" + verdict_text(verdict)},
     )
 
@@ -107,10 +107,13 @@ def _gaussianity(archive: Archive, numbers: list[int]) -> pd.DataFrame:
     return table[["profile", "channel", *NOISE_MOMENTS]]
 
 
-def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> dict[str, str]:
+def _captions(provenance: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> dict[str, str]:
     """Return the captions: data of figure and tables, and the question that remains open."""
     settings = ensembles.settings
-    series, data = describe_series(made, settings), describe_data(made, ensembles.measured["profile"].tolist())
+    series, data = (
+        describe_series(provenance, settings),
+        describe_data(provenance, ensembles.measured["profile"].tolist()),
+    )
     resolved = describe_resolution(table, settings)
     low, high = settings.scaling
     open_question = "Passing the test excludes only a Gaussian linear process with the same spectrum."
@@ -131,7 +134,7 @@ def _captions(made: Provenance, table: pd.DataFrame, ensembles: Ensembles) -> di
             f"row per profile and range, with 95 % intervals by {settings.block_draws} draws of blocks of "
             f"{settings.block:g} s: {data}. An exponent that changes with the range is not that of a scaling law."
         ),
-        "table_3": table_3_caption(made, ensembles),
+        "table_3": table_3_caption(provenance, ensembles),
         "gaussianity": (
             "Moments of the smoother's standardised noise by profile and channel, actuated samples left out: variance, "
             f"kurtosis over the root mean square within {settings.noise_window:g} s, number of independent values, and "

@@ -39,14 +39,14 @@ _STYLES = {NOISE_ONLY: (MODEL, "s"), MODEL_ERROR: (FILTER, "^"), GAUSSIAN: (SMOO
 
 def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of an archive's nulls, with comparable measured profiles."""
-    made, nulls = provenance_of(archive, NAME), null_table(archive)
-    settings = NullSettings.model_validate(made.settings)
-    measured, remarks = _comparable_profiles(archive, made, settings)
+    provenance, nulls = provenance_of(archive, NAME), null_table(archive)
+    settings = NullSettings.model_validate(provenance.settings)
+    measured, remarks = _comparable_profiles(archive, provenance, settings)
     ensembles = Ensembles(measured, nulls, settings.statistics)
     verdict = judge(ensembles)
     facts = {
-        "estimate": made.estimate,
-        "quick": made.quick,
+        "estimate": provenance.estimate,
+        "quick": provenance.quick,
         "settings": settings.model_dump(mode="json"),
         "ceiling": ensembles.ceiling,
         "verdict": verdict.as_json() if len(measured) else None,
@@ -62,44 +62,44 @@ def show(archive: Archive) -> Findings:
     return archive_findings(
         NAME,
         comparisons=ensemble_comparisons(ensembles),
-        tables={"nulls": nulls[list(made.columns)], "table_3": table_3(ensembles)},
+        tables={"nulls": nulls[list(provenance.columns)], "table_3": table_3(ensembles)},
         figures={"nulls": partial(nulls_figure, ensembles, mission_of(archive))} if known else {},
         facts=facts,
         failed={},
         remarks=remarks,
-        captions=_captions(made, ensembles, settings),
+        captions=_captions(provenance, ensembles, settings),
         documents={"verdict.md": text},
     )
 
 
 def _comparable_profiles(
-    archive: Archive, made: Provenance, settings: NullSettings
+    archive: Archive, provenance: Provenance, settings: NullSettings
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Return the measured profiles of the same estimate and settings, and the remarks."""
-    measured, of_measured = stored_measured(archive, made.estimate)
+    measured, of_measured = stored_measured(archive, provenance.estimate)
     if of_measured is not None and is_comparable(of_measured.model_dump(mode="json"), settings.statistics):
-        return measured, made.remarks
+        return measured, provenance.remarks
     alone = "the archive contains no intermittency of this estimate and these settings: the nulls are shown alone"
-    return pd.DataFrame(), (*made.remarks, alone)
+    return pd.DataFrame(), (*provenance.remarks, alone)
 
 
-def _captions(made: Provenance, ensembles: Ensembles, settings: NullSettings) -> dict[str, str]:
+def _captions(provenance: Provenance, ensembles: Ensembles, settings: NullSettings) -> dict[str, str]:
     """Return the captions: data of figure and tables, and the small number of realisations."""
     artefact_count, unit = len(ensembles.artefacts), unit_of(ensembles.settings.channel)
     nulls = (
         f"{len(ensembles.nulls)} missions without turbulence, flown under the recorded actuation of "
-        f"{describe_data(made)} and inverted as the archive was"
+        f"{describe_data(provenance)} and inverted as the archive was"
     )
     text = (
-        f"Statistics of {describe_series(made, ensembles.settings)}: {nulls}; for the model error, coefficients are "
-        f"wrong by up to {settings.spread:.0%}. The ceiling, {number(ensembles.ceiling)} {unit}, is the largest "
+        f"Statistics of {describe_series(provenance, ensembles.settings)}: {nulls}; for the model error, coefficients "
+        f"are wrong by up to {settings.spread:.0%}. The ceiling, {number(ensembles.ceiling)} {unit}, is the largest "
         f"amplitude of {artefact_count} realisations with noise or model error alone: more realisations can only "
         "raise it, and artefacts of other kinds are not included."
     )
     return {
         # One text serves the figure and its table, which have the same name.
         "nulls": f"{text} Compared with {len(ensembles.measured)} measured profiles.",
-        "table_3": table_3_caption(made, ensembles),
+        "table_3": table_3_caption(provenance, ensembles),
     }
 
 

@@ -172,13 +172,13 @@ _DISTANCE_NOTE = (
 )
 
 
-def captions(made: Provenance, compared: Compared, places: list[int], *, by_study: bool) -> dict[str, str]:
+def captions(provenance: Provenance, compared: Compared, places: list[int], *, by_study: bool) -> dict[str, str]:
     """Return the captions by stem; `places` are the positions of the profiles in Table 4 and Figure 8."""
-    data, models = describe_data(made), ", ".join(compared.names)
+    data, models = describe_data(provenance), ", ".join(compared.names)
     covered = int(np.isfinite(compared.models.sum(axis=2)).any(axis=1).sum())
     panels = describe_profiles([int(compared.numbers[position]) for position in places])
     ellipse = "of study currents" if by_study else "of the mission's run"
-    glider = f"depth-averaged current by {estimate_label(made)}"
+    glider = f"depth-averaged current by {estimate_label(provenance)}"
     return {
         "figure_8": (
             f"The {glider} with its 1- and 2-sigma ellipses ({ellipse}), that from the glide angle, and those of "
@@ -207,13 +207,13 @@ _OTHER_ELLIPSES = (
 
 def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
-    made = provenance_of(archive, NAME)
-    compared = compare(archive, made.profiles, made.estimate)
+    provenance = provenance_of(archive, NAME)
+    compared = compare(archive, provenance.profiles, provenance.estimate)
     agreed, places = agreements(compared), compared.panels()
-    table = _by_model(archive, made)
+    table = _by_model(archive, provenance)
     agreement, nine = agreement_rows(compared, agreed), table_4(compared, places)
-    facts = shared_facts(made) | {"models": stored_attribute(archive, NAME, "models"), "agreement": agreement}
-    stored, present = archive[NAME].attrs, ellipses_used(archive, made.estimate)
+    facts = shared_facts(provenance) | {"models": stored_attribute(archive, NAME, "models"), "agreement": agreement}
+    stored, present = archive[NAME].attrs, ellipses_used(archive, provenance.estimate)
     by_study = present["ellipses_of_study"]
     # Earlier versions of this program stored no digest.
     other = () if all(stored.get(key, value) == value for key, value in present.items()) else (_OTHER_ELLIPSES,)
@@ -224,19 +224,21 @@ def show(archive: Archive) -> Findings:
         figures={"figure_8": partial(figure_8, compared, places, mission_of(archive))} if places else {},
         facts=facts,
         failed={},
-        remarks=(*made.remarks, *other, *_left_out(table)),
-        captions=captions(made, compared, places, by_study=by_study),
+        remarks=(*provenance.remarks, *other, *_left_out(table)),
+        captions=captions(provenance, compared, places, by_study=by_study),
         documents={"table_4.md": table_4_text(nine)},
     )
 
 
-def _by_model(archive: Archive, made: Provenance) -> pd.DataFrame:
+def _by_model(archive: Archive, provenance: Provenance) -> pd.DataFrame:
     """Tabulate the study, one row for each profile and model."""
-    group = archive[NAME].to_dataset().sel(profile=list(made.profiles)).load()
+    group = archive[NAME].to_dataset().sel(profile=list(provenance.profiles)).load()
     names = [str(name) for name in group["model"].values]
-    shape = (len(made.profiles), len(names))
-    columns = {"profile": np.array(made.profiles)[:, None], "model": np.array(names, dtype=object)[None]}
-    columns |= {name: as_cells(group[name].values).reshape(len(made.profiles), -1) for name in made.columns[1:]}
+    shape = (len(provenance.profiles), len(names))
+    columns = {"profile": np.array(provenance.profiles)[:, None], "model": np.array(names, dtype=object)[None]}
+    columns |= {
+        name: as_cells(group[name].values).reshape(len(provenance.profiles), -1) for name in provenance.columns[1:]
+    }
     return pd.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in columns.items()})
 
 

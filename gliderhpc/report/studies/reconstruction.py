@@ -64,24 +64,24 @@ _NO_ERROR = (
 
 
 def captions(
-    made: Provenance, table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, drawn: list[int]
+    provenance: Provenance, table: pd.DataFrame, channels: pd.DataFrame, impulses: pd.DataFrame, drawn: list[int]
 ) -> dict[str, str]:
     """Return the captions by stem; `drawn` are the profiles of Figure 3."""
-    estimate = estimate_label(made)
+    estimate = estimate_label(provenance)
     own = {
-        "profiles": _profiles_caption(made, table),
+        "profiles": _profiles_caption(provenance, table),
         "figure_2": (
-            f"Profile {made.profiles[0]}: measured attitude and depth, the motion that {estimate} reconstructs, and "
-            "both tracks, closed on the GPS fixes if there are any. Grey: actuators moving, excluded from the "
+            f"Profile {provenance.profiles[0]}: measured attitude and depth, the motion that {estimate} reconstructs, "
+            "and both tracks, closed on the GPS fixes if there are any. Grey: actuators moving, excluded from the "
             f"residuals given. {_NO_ERROR}"
         ),
         "figure_3": (
             f"Yaw moment from {estimate} and from the filter, with heading and battery rotation: "
-            f"{describe_profiles(drawn)}. {_lag_text(made, table)} Neither is shown with its uncertainty; with the "
-            "battery rotated (blue) errors of the hull's model appear in both."
+            f"{describe_profiles(drawn)}. {_lag_text(provenance, table)} Neither is shown with its uncertainty; with "
+            "the battery rotated (blue) errors of the hull's model appear in both."
         ),
     }
-    truth = f"{describe_data(made)} of a synthetic mission whose truth is known"
+    truth = f"{describe_data(provenance)} of a synthetic mission whose truth is known"
     if not channels.empty:
         own["recovery"] = (
             f"Lag and gain of every disturbance from {estimate} and from the filter, and delay and height of "
@@ -99,21 +99,21 @@ def captions(
     }
 
 
-def _lag_text(made: Provenance, table: pd.DataFrame) -> str:
+def _lag_text(provenance: Provenance, table: pd.DataFrame) -> str:
     known = table.loc[table["yaw_lag"].notna(), ["profile", "yaw_lag"]]
     if known.empty:
         return "The lag of the filter could not be determined."
     lag = number(float(known["yaw_lag"].median()))
-    return f"The filter lags by {lag} s (median of {describe_data(made, known['profile'].tolist())})."
+    return f"The filter lags by {lag} s (median of {describe_data(provenance, known['profile'].tolist())})."
 
 
-def _profiles_caption(made: Provenance, table: pd.DataFrame) -> str:
+def _profiles_caption(provenance: Provenance, table: pd.DataFrame) -> str:
     flown = int(table["segment_start"].notna().sum()) if "segment_start" in table else 0
     second = int(table["no_slope_steady_roll"].notna().sum()) if "no_slope_steady_roll" in table else 0
     return (
-        f"One row per profile: {describe_data(made)}, estimate of {estimate_label(made)}. Root mean square residuals "
-        f"over steady glide and over the vibration intervals; {flown} flown open loop for {SEGMENT:g} s, {second} "
-        f"inverted again with k_z = 0. {_NO_ERROR}"
+        f"One row per profile: {describe_data(provenance)}, estimate of {estimate_label(provenance)}. Root mean square "
+        f"residuals over steady glide and over the vibration intervals; {flown} flown open loop for {SEGMENT:g} s, "
+        f"{second} inverted again with k_z = 0. {_NO_ERROR}"
     )
 
 
@@ -238,31 +238,31 @@ def recovery_figure(channels: pd.DataFrame, impulses: pd.DataFrame, estimate: st
 
 def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
-    made, table, platform = provenance_of(archive, NAME), study_table(archive, NAME), platform_of(archive)
-    numbers = list(made.profiles)
+    provenance, table, platform = provenance_of(archive, NAME), study_table(archive, NAME), platform_of(archive)
+    numbers = list(provenance.profiles)
     channels, impulses = channel_table(archive, numbers), impulse_table(archive, numbers)
-    flown = f"open_loop_{made.estimate}_roll" in table
+    flown = f"open_loop_{provenance.estimate}_roll" in table
     remarks = () if flown else ("no profile has 600 s of uninterrupted steady glide: there is no open-loop comparison",)
     tables = {"profiles": table}
     if stored_attribute(archive, NAME, "with_truth"):
         tables |= {"channels": channels, "impulses": impulses}
     drawn = numbers[:FIGURE_3_PROFILES]
     figures = {
-        "figure_2": partial(figure_2, archive, numbers[0], made.estimate),
-        "figure_3": partial(figure_3, archive, drawn, made.estimate),
+        "figure_2": partial(figure_2, archive, numbers[0], provenance.estimate),
+        "figure_3": partial(figure_3, archive, drawn, provenance.estimate),
     }
     if len(channels):
-        figures["recovery"] = partial(recovery_figure, channels, impulses, made.estimate)
-    facts = shared_facts(made) | {"medians": column_medians(table)}
+        figures["recovery"] = partial(recovery_figure, channels, impulses, provenance.estimate)
+    facts = shared_facts(provenance) | {"medians": column_medians(table)}
     return archive_findings(
         NAME,
-        comparisons=comparisons(table, channels, impulses, platform, made.estimate),
+        comparisons=comparisons(table, channels, impulses, platform, provenance.estimate),
         tables=tables,
         figures=figures,
         facts=facts,
         failed=failed_profiles(table)[0],
-        remarks=(*made.remarks, *remarks),
-        captions=captions(made, table, channels, impulses, drawn),
+        remarks=(*provenance.remarks, *remarks),
+        captions=captions(provenance, table, channels, impulses, drawn),
     )
 
 

@@ -51,10 +51,10 @@ _MAX_NAMED = 6
 
 def show(archive: Archive) -> Findings:
     """Make tables, comparisons, figure and captions of the study of an archive."""
-    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
-    settings = SpectraSettings.model_validate(made.settings)
+    provenance, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    settings = SpectraSettings.model_validate(provenance.settings)
     failed, studied = failed_profiles(table)
-    facts = shared_facts(made) | {
+    facts = shared_facts(provenance) | {
         "settings": settings.model_dump(mode="json"),
         "group_means": as_plain(_group_means(studied)),
     }
@@ -66,8 +66,8 @@ def show(archive: Archive) -> Findings:
         figures={"figure_4": partial(figure_4, archive, studied, settings)} if len(studied) else {},
         facts=facts,
         failed=failed,
-        remarks=made.remarks + band_remarks(table, settings, series_step(archive, made.estimate)),
-        captions=_captions(made, table, studied, settings),
+        remarks=provenance.remarks + band_remarks(table, settings, series_step(archive, provenance.estimate)),
+        captions=_captions(provenance, table, studied, settings),
         documents={"table_1.md": table_1_text(by_depth)} if by_depth else {},
     )
 
@@ -76,11 +76,11 @@ def show(archive: Archive) -> Findings:
 
 
 def _captions(
-    made: Provenance, table: pd.DataFrame, studied: pd.DataFrame, settings: SpectraSettings
+    provenance: Provenance, table: pd.DataFrame, studied: pd.DataFrame, settings: SpectraSettings
 ) -> dict[str, str]:
     """Return the captions: data of figure and tables, and the highest frequency that the records resolve."""
     low, high = settings.band
-    series, data = describe_series(made, settings), describe_data(made, studied["profile"].tolist())
+    series, data = describe_series(provenance, settings), describe_data(provenance, studied["profile"].tolist())
     resolved = describe_resolution(table, settings)
     exponents = (
         f"Exponents of the spectrum of {series}, of each profile and of its thirds by depth: {data}. 95 % intervals "

@@ -18,24 +18,24 @@ def describe_profiles(numbers: Sequence[int]) -> str:
     return f"{len(numbers)} profiles ({min(numbers)} to {max(numbers)})" if numbers else "no profile"
 
 
-def describe_data(made: Provenance, used: Sequence[int] | None = None) -> str:
+def describe_data(provenance: Provenance, used: Sequence[int] | None = None) -> str:
     """Describe the profiles in a figure or table, and whether it is a first look."""
-    chosen = made.profiles if used is None else tuple(used)
-    left_out = len(made.profiles) - len(chosen)
+    chosen = provenance.profiles if used is None else tuple(used)
+    left_out = len(provenance.profiles) - len(chosen)
     text = describe_profiles(chosen)
     if left_out:
-        text += f", {left_out} of {len(made.profiles)} left out"
-    return f"{text}, quick study" if made.quick else text
+        text += f", {left_out} of {len(provenance.profiles)} left out"
+    return f"{text}, quick study" if provenance.quick else text
 
 
-def estimate_label(made: Provenance) -> str:
+def estimate_label(provenance: Provenance) -> str:
     """Name the estimate used in a study."""
-    return ESTIMATES[made.estimate]
+    return ESTIMATES[provenance.estimate]
 
 
-def shared_facts(made: Provenance) -> dict[str, Any]:
+def shared_facts(provenance: Provenance) -> dict[str, Any]:
     """Return the first facts in the JSON of most studies: profiles, estimate and size."""
-    return {"profiles": list(made.profiles), "estimate": made.estimate, "quick": made.quick}
+    return {"profiles": list(provenance.profiles), "estimate": provenance.estimate, "quick": provenance.quick}
 
 
 def median_of(table: pd.DataFrame, name: str) -> float:

@@ -80,9 +80,9 @@ def unit_of(channel: str) -> str:
 # Captions and remarks
 
 
-def describe_series(made: Provenance, settings: FastSettings) -> str:
+def describe_series(provenance: Provenance, settings: FastSettings) -> str:
     """Describe the series studied."""
-    return f"{settings.channel} by {estimate_label(made)}, its part faster than {settings.cutoff:g} Hz"
+    return f"{settings.channel} by {estimate_label(provenance)}, its part faster than {settings.cutoff:g} Hz"
 
 
 def describe_resolution(table: pd.DataFrame, settings: FastSettings) -> str:
@@ -123,15 +123,15 @@ def band_remarks(table: pd.DataFrame, settings: FastSettings, step: float) -> tu
     return (remark,)
 
 
-def table_3_caption(made: Provenance, ensembles: Ensembles) -> str:
+def table_3_caption(provenance: Provenance, ensembles: Ensembles) -> str:
     """Return the caption of Table 3."""
     families = [f"{len(ensembles.family(name))} {LABELS[name]}" for name in FAMILIES]
     nulls = f"nulls without turbulence ({', '.join(families)})" if len(ensembles.nulls) else "no nulls, as none fit"
     return (
-        f"Minimum and maximum of each statistic of {describe_series(made, ensembles.settings)}: "
+        f"Minimum and maximum of each statistic of {describe_series(provenance, ensembles.settings)}: "
         f"{len(ensembles.measured)} measured profiles and {ensembles.settings.surrogates} surrogates of each, and "
-        f"{nulls}; data: {describe_data(made)}. Ranges grow with the number of members, and an overlap with the nulls "
-        "leaves the question open."
+        f"{nulls}; data: {describe_data(provenance)}. Ranges grow with the number of members, and an overlap with the "
+        "nulls leaves the question open."
     )
 
 

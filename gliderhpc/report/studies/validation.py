@@ -198,12 +198,12 @@ def comparisons(table: pd.DataFrame, trend: Trend) -> tuple[Comparison, ...]:
     )
 
 
-def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapping[str, Any]) -> dict[str, str]:
+def captions(provenance: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapping[str, Any]) -> dict[str, str]:
     """Return the captions by stem."""
     numbers = table["profile"].tolist()
     flown = (
         f"the fixed-parameter model of {platform['name']}, driven open loop by the recorded controls in still water: "
-        f"{describe_data(made, numbers)}"
+        f"{describe_data(provenance, numbers)}"
     )
     changes = (
         f"The longitudinal error changes by {trend.change_text} over the mission (Mann-Kendall p = {number(trend.p)}, "
@@ -229,7 +229,7 @@ def captions(made: Provenance, table: pd.DataFrame, trend: Trend, platform: Mapp
 
 def show(archive: Archive) -> Findings:
     """Show the validation of an archive."""
-    made = provenance_of(archive, GROUP)
+    provenance = provenance_of(archive, GROUP)
     failed, flown = failed_profiles(study_table(archive, GROUP))
     table = flown.drop(columns="message", errors="ignore").reset_index(drop=True)
     trend, platform = (
@@ -239,7 +239,7 @@ def show(archive: Archive) -> Findings:
     facts = {
         "trend": as_plain(trend.as_json()),
         "platform": platform,
-        "settings": made.settings,
+        "settings": provenance.settings,
         "medians": column_medians(table),
     }
     return archive_findings(
@@ -249,6 +249,6 @@ def show(archive: Archive) -> Findings:
         figures={"figure_1": partial(figure_1, archive, table, trend)},
         facts=facts,
         failed=failed,
-        remarks=made.remarks,
-        captions=captions(made, table, trend, platform),
+        remarks=provenance.remarks,
+        captions=captions(provenance, table, trend, platform),
     )

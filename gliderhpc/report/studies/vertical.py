@@ -246,13 +246,13 @@ def _quartiles(table: pd.DataFrame, name: str) -> tuple[float, float] | None:
 
 def show(archive: Archive) -> Findings:
     """Show the study of an archive."""
-    made, table = provenance_of(archive, NAME), study_table(archive, NAME)
+    provenance, table = provenance_of(archive, NAME), study_table(archive, NAME)
     failed, known = failed_profiles(table)
-    by_density = any(uses_measured_density(archive, number) for number in made.profiles)
+    by_density = any(uses_measured_density(archive, number) for number in provenance.profiles)
     errors = hull_errors(platform_of(archive), by_density=by_density)
     facts = {
-        "profiles": list(made.profiles),
-        "quick": made.quick,
+        "profiles": list(provenance.profiles),
+        "quick": provenance.quick,
         "hull_errors": "of the calibration" if errors.calibrated else "plausible deviations",
         "medians": column_medians(known),
     }
@@ -263,14 +263,16 @@ def show(archive: Archive) -> Findings:
         figures={"vertical": partial(vertical_figure, archive, known)},
         facts=facts,
         failed=failed,
-        remarks=made.remarks + remarks_on(known, errors),
-        captions=_captions(made, known, errors, by_density=by_density),
+        remarks=provenance.remarks + remarks_on(known, errors),
+        captions=_captions(provenance, known, errors, by_density=by_density),
     )
 
 
-def _captions(made: Provenance, known: pd.DataFrame, errors: ParameterErrors, *, by_density: bool) -> dict[str, str]:
+def _captions(
+    provenance: Provenance, known: pd.DataFrame, errors: ParameterErrors, *, by_density: bool
+) -> dict[str, str]:
     """Return the captions of figure and table: their data, and the effect of the hull's errors."""
-    data = describe_data(made, known["profile"].tolist())
+    data = describe_data(provenance, known["profile"].tolist())
     buoyancy = "by measured density" if by_density else "by its depth slope"
     window, share = float(known["window"].median()), float(known["share"].median())
     whose = "as its calibration states them" if errors.calibrated else "plausible ones, as no calibration states them"
