@@ -236,7 +236,7 @@ def kind_by_name(path: Path) -> str | None:
 
 
 def kind_of_file(path: Path) -> str | None:
-    """Return the kind of an instrument's file by its name or its contents, None if it is of no known kind.
+    """Return the kind of an instrument's file by its name or its contents, None if the kind is unknown.
 
     Raises
     ------

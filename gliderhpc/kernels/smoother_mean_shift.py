@@ -74,7 +74,7 @@ def expected_mean_shift(hull, problem, states, disturbances, k, covariance, afte
             move = load_along(length, (first,)) * load_along(joint, (j, first))
             store_along(columns, (j, first), centre + move)
             store_along(product, (j, first), centre - move)
-        # Columns left over are those of no output, at the centre.
+        # The remaining columns belong to no output and lie at the centre.
         for first in range(0, 16, LANES):
             store_along(columns, (j, _OUTPUTS + first), load_along(product, (j, first)))
     _transposes(hull, problem, k, columns, block.seeds)

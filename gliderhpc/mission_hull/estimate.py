@@ -199,7 +199,7 @@ def solve_mission(
     Parameters
     ----------
     profiles : sequence of ProfileTerm
-        Profiles in the order of time, at least one.
+        Profiles in time order, at least one.
     prior : HullPrior
         Prior of the errors.
     robust : bool

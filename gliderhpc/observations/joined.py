@@ -66,10 +66,10 @@ def join_observations(paths: Sequence[Path], out: Path, reads: Reads = read_dire
         met = chosen.in_conflict_with(content)
         if met and all(_is_part_of(one, content) for one in met):
             for one in met:
-                log.info("%s: replaced by %s, which has all of it and more samples", one.path, path.name)
+                log.info("%s: replaced by %s, which contains it and has more samples", one.path, path.name)
                 chosen.remove(one)
         elif any(_is_part_of(content, one) for one in met):
-            log.info("%s: not used, since all of it is in another file", path)
+            log.info("%s: not used, because another file contains it", path)
             continue
         elif met:
             left_out[path.name] = f"{path}: {_conflict(content, met[0])}"

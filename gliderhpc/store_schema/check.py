@@ -50,7 +50,7 @@ def check_archive(location: Location) -> list[str]:
     Raises
     ------
     InputError
-        There is no archive of this program.
+        There is no archive of gliderhpc.
     """
     root, as_written = _with_members(location)
     differences = list(_structure_differences(location, root, STUDIES, as_written))
@@ -63,7 +63,7 @@ def structure_differences(location: Location, studies: bool = True) -> list[str]
     Raises
     ------
     InputError
-        There is no archive of this program.
+        There is no archive of gliderhpc.
     """
     root, as_written = _with_members(location)
     return list(_structure_differences(location, root, STUDIES if studies else (), as_written))
@@ -75,7 +75,7 @@ def other_version(location: Location) -> str:
     Raises
     ------
     InputError
-        There is no archive of this program.
+        There is no archive of gliderhpc.
     """
     return _other_version(_opened(location))
 
@@ -86,7 +86,7 @@ def version_note(location: Location) -> str:
     Raises
     ------
     InputError
-        There is no archive of this program.
+        There is no archive of gliderhpc.
     """
     version = str(_opened(location).attrs.get("schema_version"))
     if version == MISSION.version or version.partition(".")[0] != MISSION.version.partition(".")[0]:

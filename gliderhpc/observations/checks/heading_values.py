@@ -38,7 +38,7 @@ def check_circle(heading: FloatArray, where: str) -> None:
     Parameters
     ----------
     heading : (n,) array
-        Headings (degree) in the order of time, NaN where missing.
+        Headings (degree) in time order, NaN where missing.
     where : str
         Names of the file and the variable in the error.
 
@@ -78,7 +78,7 @@ def remove_turns(heading: FloatArray, where: str = "heading") -> tuple[FloatArra
     Parameters
     ----------
     heading : (n,) array
-        Headings (degree) in the order of time, NaN where missing.
+        Headings (degree) in time order, NaN where missing.
     where : str
         Names of the file and the variable in the error.
 

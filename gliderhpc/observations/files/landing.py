@@ -103,7 +103,7 @@ def older(files: Mapping[Path, FileState], seconds: float, now: float | None = N
 
 
 def copy_file(path: Path, state: FileState, folder: Path) -> CopiedFile | None:
-    """Copy a file into a folder under its own name; None if it has changed from `state` or is gone.
+    """Copy a file into a folder under its own name; None if it has changed from `state` or no longer exists.
 
     The copy appears only when it is complete.
 

@@ -49,8 +49,8 @@ class RowOrder:
     def describe(self) -> tuple[str, ...]:
         """Sentences on the rows that are left out or sorted."""
         once = f"{counted(self.repeated, 'row')} repeated from elsewhere in the file, each taken once"
-        parts = f"its rows are not in the order of time; {self.parts} parts of it are sorted"
-        late = f"its rows are not in the order of time; {counted(self.late, 'row')} moved to where the time fits"
+        parts = f"its rows are not in time order; {self.parts} parts are sorted"
+        late = f"its rows are not in time order; {counted(self.late, 'row')} moved to where the time fits"
         texts = ((self.repeated, once), (self.parts, parts), (self.late, late))
         return tuple(text for count, text in texts if count)
 

@@ -28,7 +28,7 @@ class Dives:
     Attributes
     ----------
     spans : dict of int to Span
-        Sample range of each dive by its number, in the order of time.
+        Sample range of each dive by its number, in time order.
     without : dict of int to str
         Reasons why other numbers of the file's counter give no dive.
     remark : str
@@ -136,7 +136,7 @@ def find_dives(
     zero are therefore a dive if they go down and come up again once. If no sample has another number, or all have the
     same although the glider came up between dives, the dives are detected from depth. A counter that restarts, such as
     that of a Slocum's segments with each mission, gives the same number to several dives. If the numbers do not
-    increase from one dive to the next, or begin with zero, the dives are numbered from one in the order of time.
+    increase from one dive to the next, or begin with zero, the dives are numbered from one in time order.
     """
     if (only := _only_number(numbers)) is not None:
         detected = detect_dives(time, depth)
@@ -158,7 +158,7 @@ def find_dives(
     if all(number > 0 for number in own) and all(before < after for before, after in pairwise(own)):
         return Dives(dict(found), without)
     what = "begins with 0" if own[0] == 0 and len(set(own)) == len(own) else "restarts or decreases"
-    remark = f"its dive counter {what}: the dives are numbered from 1 in the order of time"
+    remark = f"its dive counter {what}: the dives are numbered from 1 in time order"
     return Dives({place: span for place, (_, span) in enumerate(found, 1)}, without, remark)
 
 
@@ -211,7 +211,7 @@ def _is_whole_dive(depth: FloatArray) -> bool:
 
 
 def _stretches(numbers: IntArray, depth: FloatArray) -> list[tuple[int, int, int]]:
-    """Number, first sample and end of each stretch with one number, in the order of time.
+    """Number, first sample and end of each stretch with one number, in time order.
 
     Samples with another number that go to no depth do not divide a stretch.
     """

@@ -54,7 +54,7 @@ its end. On the mission of modena, the depth in such a record is in error by 3 m
 
 NEIGHBOURING_CYCLES = 20
 """Cycles before and as many after a cycle that show whether the sampling rate has changed there. On the mission of
-modena the compass delays up to 19 cycles in a row, which is no change of the rate."""
+modena the compass delays up to 19 cycles in a row, which does not count as a change of the rate."""
 
 CHANGED_RATE = 2.0
 """Ratio of the median length of the neighbouring cycles to the mission's, or its inverse, above which the sampling rate
@@ -185,7 +185,7 @@ def _read_netcdf(path: Path, reads: Reads, collected: _Collected) -> None:
 
 
 def _segments_in_order(rows: Rows, path: Path) -> Rows:
-    """Put the segments of a file that joins them in another order, such as that of their names, in the order of time.
+    """Put the segments of a file that joins them in another order, such as that of their names, in time order.
 
     Rows that the file repeats, as where its parts overlap, are taken once.
     """

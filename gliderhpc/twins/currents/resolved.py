@@ -175,7 +175,7 @@ def spectral_sums(series: LateralSeries) -> Array:
     for first, stop in stretches(np.isfinite(series.retrieved)):
         for begin in range(first, stop - length + 1, length // 2):
             now = slice(begin, begin + length)
-            # The segment's mean is subtracted: turning in a steady current is no change of the water.
+            # The segment's mean is subtracted: turning in a steady current does not change the water.
             lateral = ((series.water[now] - series.water[now].mean(axis=0)) * series.across[now]).sum(axis=1)
             water, retrieved = (
                 np.fft.rfft(taper * scipy.signal.detrend(values))[used] for values in (lateral, series.retrieved[now])

@@ -67,7 +67,7 @@ def test_rows_given_twice_are_taken_once_even_if_a_value_is_missing():
 def test_a_long_pause_elsewhere_does_not_prevent_sorting():
     found = order_of(100_000, 100_001, 200_000, 200_001, 99_990, 99_991)
     assert found.rows.tolist() == [4, 5, 0, 1, 2, 3]
-    assert found.describe() == ("its rows are not in the order of time; 2 parts of it are sorted",)
+    assert found.describe() == ("its rows are not in time order; 2 parts are sorted",)
 
 
 def test_rows_without_a_time_come_last():
@@ -109,8 +109,8 @@ REPEATED = np.concatenate([EVERY[: ROWS + 40], EVERY[ROWS + 20 :]])
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
-        (SWAPPED, "its rows are not in the order of time; 2 parts of it are sorted"),
-        (DISPLACED, "its rows are not in the order of time; 1 row moved to where the time fits"),
+        (SWAPPED, "its rows are not in time order; 2 parts are sorted"),
+        (DISPLACED, "its rows are not in time order; 1 row moved to where the time fits"),
         (REPEATED, "20 rows repeated from elsewhere in the file, each taken once"),
     ],
     ids=["swapped", "displaced", "repeated"],
@@ -127,7 +127,7 @@ def test_an_og1_clock_set_back_is_not_sorted(tmp_path):
     path = made.write_og1(tmp_path / "sg099.nc", (1, 2, 3), TIME=time)
     summary = import_og1([path], tmp_path / "out.nc")
     assert "the clock was set back by" in summary.rejected["dive 2"]
-    assert not any("order of time" in remark for remark in summary.remarks)
+    assert not any("in time order" in remark for remark in summary.remarks)
 
 
 def test_og1_dives_that_were_counted_in_the_order_of_the_file_are_not_sorted(tmp_path):
@@ -137,7 +137,7 @@ def test_og1_dives_that_were_counted_in_the_order_of_the_file_are_not_sorted(tmp
     summary = import_og1([made.write_og1(tmp_path / "sg099.nc", (1, 2, 3, 4), TIME=time)], tmp_path / "out.nc")
     assert [profile.number for profile in summary.complete] == [1, 3, 4]
     assert "the clock was wrong" in summary.rejected["dive 2"]
-    assert not any("order of time" in remark for remark in summary.remarks)
+    assert not any("in time order" in remark for remark in summary.remarks)
 
 
 # Slocum
