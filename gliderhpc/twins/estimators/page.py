@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -14,9 +14,6 @@ from gliderhpc.twins.estimators.runs import COEFFICIENTS, IMPULSIVE
 from gliderhpc.twins.scoring import INTERVALS, LONGITUDINAL_AND_YAW, Row
 from gliderhpc.twins.study import select
 from gliderhpc.vocabulary import CHANNELS
-
-if TYPE_CHECKING:
-    pass
 
 Content = Mapping[str, Any]
 
