@@ -12,7 +12,6 @@ from click.shell_completion import get_completion_class
 
 from gliderhpc.cli.interruption import clear_unhandled_mark, interruptible
 from gliderhpc.cli.messages import (
-    FULL,
     Verb,
     describe_unexpected,
     is_memory_shortage,
@@ -23,6 +22,7 @@ from gliderhpc.cli.messages import (
 )
 from gliderhpc.errors import CalibrationError, GliderhpcError, InputError, RunStoppedError
 from gliderhpc.garbage import infrequent_collection
+from gliderhpc.output_files import NO_SPACE
 from gliderhpc.version import __version__
 
 DONE, FAILED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
@@ -294,7 +294,7 @@ def _follows_interruption(error: BaseException | None) -> bool:
 
 
 def _report_system_error(error: OSError, remedy: str) -> int:
-    if error.errno in FULL:
+    if error.errno in NO_SPACE:
         return _report_end(
             f"no space left to write {error.filename or 'the results'}; free some space and {remedy}", FAILED
         )

@@ -128,9 +128,6 @@ def print_left_out(reasons: Mapping[int, str]) -> None:
         echo(f"{len(reasons) - _SHOWN_LEFT_OUT} more left out")
 
 
-FULL = NO_SPACE
-"""Error numbers of a full disk."""
-
 _UNUSABLE = (
     errno.EACCES,
     errno.EPERM,
@@ -169,7 +166,7 @@ def is_expected(error: BaseException) -> bool:
     if is_memory_shortage(error):
         return True
     if isinstance(error, OSError):
-        return error.errno in FULL or names_a_file(error) or isinstance(error, BrokenPipeError)
+        return error.errno in NO_SPACE or names_a_file(error) or isinstance(error, BrokenPipeError)
     return isinstance(error, _EXPECTED)
 
 

@@ -115,29 +115,34 @@ def estimate_profile(
     ((_, profile),), (filtered,) = run_filters_around_rests([(None, profile)], settings)
     if isinstance(filtered, ProfileError):
         raise filtered
-    smoothed = run_smoother(profile, filtered, settings) if settings.starts_from == "smoothed" else None
-    solution = invert_windows(profile, filtered, settings, _start(profile, filtered, smoothed, settings))
+    smoothed, start = _smoothed_start(profile, filtered, settings)
+    solution = invert_windows(profile, filtered, settings, start)
     on_records, hull = smooth_profile(profile, filtered, settings, smoothed, with_hull=with_hull)
     return ProfileEstimate(profile, filtered, solution, on_records, time.perf_counter() - began, hull)
 
 
-def _start(
-    profile: PreparedProfile, filtered: FilterEstimate, smoothed: SmoothedEstimate | None, settings: EstimationSettings
-) -> StartingPath | None:
-    """Return the smoothed path if the windows start from it, None if they start from the filter's disturbance.
+def _smoothed_start(
+    profile: PreparedProfile, filtered: FilterEstimate, settings: EstimationSettings
+) -> tuple[SmoothedEstimate | None, StartingPath | None]:
+    """Smooth a profile whose windows are to start from the smoothed path; return the estimate and that path.
 
-    A slow record's path must agree with its disturbance: neither smoothed in a single pass about the filter's path, nor
-    so far from a run of the model that its windows typically begin above their threshold. On real gliders whose hull is
-    not known well, windows that started from such paths converged less often, or only after they had been shortened.
+    The estimate is None if the windows start from the filter's disturbance by the settings; the path is None also if
+    the smoothed one is no better start. A slow record's path must agree with its disturbance: neither smoothed in a
+    single pass about the filter's path, nor so far from a run of the model that its windows typically begin above their
+    threshold. On real gliders whose hull is not known well, windows that started from such paths converged less often,
+    or only after they had been shortened.
     """
-    if smoothed is None or not smoothed.outcome.usable or settings.starts_from != "smoothed":
-        return None
+    if settings.starts_from != "smoothed":
+        return None, None
+    smoothed = run_smoother(profile, filtered, settings)
+    if not smoothed.outcome.usable:
+        return smoothed, None
     start = StartingPath(smoothed.disturbances, smoothed.states)
     if profile.is_slow:
         problem = pose_windows(profile, filtered, settings, start)
         if smoothed.passes == 1 or typical_starting_cost(problem, start.states) > problem.plan.cost_threshold:
-            return None
-    return start
+            return smoothed, None
+    return smoothed, start
 
 
 def smooth_profile(
@@ -287,8 +292,8 @@ def _pose_profile(
 ) -> tuple[_Work[Key], ProfileProblem]:
     """Pose the windows of a filtered profile, after smoothing it if they start from that path; add the time."""
     began, settings = time.perf_counter(), options.settings
-    smoothed = run_smoother(profile, filtered, settings) if settings.starts_from == "smoothed" else None
-    problem = pose_windows(profile, filtered, settings, _start(profile, filtered, smoothed, settings))
+    smoothed, start = _smoothed_start(profile, filtered, settings)
+    problem = pose_windows(profile, filtered, settings, start)
     smoothing: Callable[[], _Smoothing]
     smoothing = partial(smooth_profile, profile, filtered, settings, smoothed, with_hull=options.with_hull)
     if options.threads is not None:
