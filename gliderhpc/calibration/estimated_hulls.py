@@ -64,10 +64,13 @@ class CalibratedHull(EstimatedHull, ABC):
         Reason why the dives gave no better hull than the steady glides; otherwise empty.
     caution : str
         Caution about the intervals if the starting platform was itself calibrated; else empty.
+    change : str
+        Warning of a change of the hull among the dives; else empty.
     """
 
     failure: str = ""
     caution: str = ""
+    change: str = ""
 
     @property
     @abstractmethod
@@ -123,8 +126,12 @@ class CalibratedHull(EstimatedHull, ABC):
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings about the estimates, the hull and its intervals; `failure` and `caution` are among them."""
-        return [*self._estimate_warnings(), *filter(None, (self.failure, self.caution))]
+        """Warnings about the estimates, the hull and its intervals."""
+        return [*self._estimate_warnings(), *self._hull_warnings()]
+
+    def _hull_warnings(self) -> list[str]:
+        """Those of `failure`, `caution` and `change` that there are."""
+        return [text for text in (self.failure, self.caution, self.change) if text]
 
     @abstractmethod
     def _estimate_warnings(self) -> list[str]:
@@ -190,7 +197,7 @@ class HullFromGlides(CalibratedHull):
     def provenance(self, observations: str, digest: str, assignments: Sequence[str]) -> str:
         """Describe the calibration, with its warnings."""
         origin = glides_text.provenance(self.calibration, observations, digest, assignments)
-        return " ".join([origin, *(f"{capitalised(text)}." for text in (self.failure, self.caution) if text)])
+        return " ".join([origin, *(f"{capitalised(text)}." for text in self._hull_warnings())])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

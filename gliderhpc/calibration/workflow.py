@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from gliderhpc.calibration.changes import describe_change
 from gliderhpc.calibration.dives.fit import ProfileCalibrationInputs, calibrate_on_profiles
 from gliderhpc.calibration.estimated_hulls import CalibratedHull, HullFromDives, HullFromGlides, TunedHull
 from gliderhpc.calibration.glides.fit import calibrate as fit
@@ -119,13 +120,19 @@ def _calibrated(
                 executor,
                 progress,
             )
-            return HullFromDives(platform=dives.platform, dives=dives)
+            change = describe_change(dives.rounds.information)
+            return HullFromDives(platform=dives.platform, dives=dives, change=change)
     except CalibrationError as error:
         failure = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
         log.warning(failure)
     with threadpool_limits(limits=1):
         steady = fit(base, segments, held_out, settings.calibration, log.info)
-    return HullFromGlides(platform=with_deviations_of(platform, steady.platform), calibration=steady, failure=failure)
+    return HullFromGlides(
+        platform=with_deviations_of(platform, steady.platform),
+        calibration=steady,
+        failure=failure,
+        change=describe_change(steady.information),
+    )
 
 
 def _with_source(calibrated: CalibratedHull, source: str) -> CalibratedHull:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from gliderhpc.calibration.changes import DiveInformation
 from gliderhpc.calibration.dives.common_errors import inflation_ratios, with_inflated_variance
 from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.errors import CalibrationError, ProfileError
@@ -190,6 +191,8 @@ class HullRounds:
         plausible deviations.
     divisor, turning_divisor : float
         Divisors of the profiles' information, and of that on the terms of sway, roll and yaw (`CalibrationRounds`).
+    terms : tuple of ProfileTerm
+        Undivided information of all profiles in the last round, also of those held out, in the order of their numbers.
     """
 
     base: Platform
@@ -203,6 +206,7 @@ class HullRounds:
     full_step: Array
     divisor: float
     turning_divisor: float
+    terms: tuple[ProfileTerm, ...]
 
     @property
     def errors(self) -> Gaussian:
@@ -212,10 +216,26 @@ class HullRounds:
         """
         return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.full_step, self.full_step))
 
+    @property
+    def information(self) -> DiveInformation:
+        """Undivided information of all profiles."""
+        return DiveInformation(self.base, self.parameters, self.terms)
+
 
 class _Round(NamedTuple):
-    """Results of a round: terms of the profiles by number, their sum, and the ratios by which they were inflated."""
+    """Results of a round.
 
+    Attributes
+    ----------
+    undivided, terms : dict of int to ProfileTerm
+        Terms of the profiles by number, as smoothed and as reduced by `ratios`.
+    mission : MissionHull
+        Sum of the reduced terms of the fitted profiles.
+    ratios : (p, p)
+        Ratios by which the variances of the scores were inflated.
+    """
+
+    undivided: dict[int, ProfileTerm]
     terms: dict[int, ProfileTerm]
     mission: MissionHull
     ratios: Array
@@ -314,6 +334,7 @@ class CalibrationRounds:
             full_step=full_step,
             divisor=float(results.ratios.min()),
             turning_divisor=float(results.ratios.max()),
+            terms=tuple(results.undivided.values()),
         )
 
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
@@ -351,7 +372,8 @@ class CalibrationRounds:
         informative = [profile for profile in profiles if profile.information is not None]
         count = sum(profile.number in self._fitted for profile in informative)
         ratios = inflation_ratios(self._parameters, count, self._settings.rounds)
-        terms = {profile.number: self._term(profile, platform, eta, ratios) for profile in informative}
+        undivided = {profile.number: self._term(profile, platform, eta) for profile in informative}
+        terms = {number: _reduced(term, ratios) for number, term in undivided.items()}
         fitted = [terms[number] for number in self._fitted if number in terms]
         if not fitted:
             raise CalibrationError(
@@ -360,13 +382,10 @@ class CalibrationRounds:
             )
         settings = self._settings
         mission = solve_mission(fitted, self._prior, robust=settings.rounds.robust, turn_test=settings.turn_test)
-        return _Round(terms, mission, ratios)
+        return _Round(undivided, terms, mission, ratios)
 
-    def _term(self, profile: SmoothedProfile, platform: Platform, eta: Array, ratios: Array) -> ProfileTerm:
-        """Convert a profile's result from plausible deviations of the hull used for the smoothing to those of the base.
-
-        All information is reduced by the errors that the profiles have in common.
-        """
+    def _term(self, profile: SmoothedProfile, platform: Platform, eta: Array) -> ProfileTerm:
+        """Convert a profile's result from plausible deviations of the hull used for smoothing to those of the base."""
         assert profile.score is not None
         assert profile.information is not None
         ratio = np.array(
@@ -375,9 +394,7 @@ class CalibrationRounds:
         current = profile.current
         if current is not None:
             current = replace(current, sensitivity=current.sensitivity / ratio)
-        score, information = with_inflated_variance(
-            profile.score / ratio, profile.information / np.outer(ratio, ratio), ratios
-        )
+        score, information = profile.score / ratio, profile.information / np.outer(ratio, ratio)
         return ProfileTerm(profile.number, profile.time, eta, score, information, current=current)
 
     def _compare_held_out(self, results: _Round) -> tuple[tuple[int, float, int], ...]:
@@ -388,6 +405,12 @@ class CalibrationRounds:
                 chi_square, freedom = predicted_disagreement(results.mission, results.terms[number])
                 compared.append((number, float(results.ratios.min()) * chi_square, freedom))
         return tuple(compared)
+
+
+def _reduced(term: ProfileTerm, ratios: Array) -> ProfileTerm:
+    """Return a profile's term, reduced by the errors that all profiles have in common."""
+    score, information = with_inflated_variance(term.score, term.information, ratios)
+    return replace(term, score=score, information=information)
 
 
 def pooled_factor(profiles: Sequence[SmoothedProfile]) -> Array:

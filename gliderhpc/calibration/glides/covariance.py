@@ -9,12 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.calibration.changes import DiveInformation
 from gliderhpc.calibration.glides.score import score
 from gliderhpc.calibration.glides.search import CalibrationSearch, CalibrationVerdict
-from gliderhpc.calibration.glides.segment_errors import SegmentErrors
+from gliderhpc.calibration.glides.segment_errors import SegmentErrors, middle_of
 from gliderhpc.distributions import few_values_factor
 from gliderhpc.estimation.least_squares import sensitivity
-from gliderhpc.flight.hull_parameters import UNFITTED_MOTION
+from gliderhpc.flight.hull_parameters import TREND, UNFITTED_MOTION
+from gliderhpc.mission_hull.estimate import ProfileTerm
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -54,6 +56,28 @@ class Fit:
         motion = len(self.search.free) + np.flatnonzero([p in UNFITTED_MOTION for p in self.errors.unfitted])
         by_motion = np.sum(self.covariance[np.ix_(free, motion)] ** 2, axis=1)
         return float(np.max(np.diag(self.covariance)[free] - by_motion, initial=0.0))
+
+    def information(self) -> DiveInformation:
+        """Information of each profile on all parameters and on the errors that are not fitted; a trend stays as fitted.
+
+        Notes
+        -----
+        With the weighted Jacobian ``J`` and errors ``r`` of a profile, the score is ``-J^T r`` and the information
+        ``J^T J``.
+        """
+        errors, search = self.errors, self.search
+        jacobian, residuals = search.weighted()
+        jacobian = np.hstack([jacobian, search.weighted_unfitted()])
+        every = (*errors.parameters, *errors.unfitted)
+        steps = np.concatenate([search.steps, np.zeros(len(errors.unfitted))])
+        kept = [i for i, parameter in enumerate(every) if parameter is not TREND]
+        terms = []
+        for number in np.unique(errors.profile).tolist():
+            of_profile = jacobian[errors.profile == number][:, kept]
+            score = -of_profile.T @ residuals[errors.profile == number]
+            time = middle_of(errors.segments.time[errors.segments.profile == number])
+            terms.append(ProfileTerm(number, time, steps[kept], score, of_profile.T @ of_profile))
+        return DiveInformation(errors.platform, tuple(every[i] for i in kept), tuple(terms))
 
 
 def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gliderhpc.calibration.changes import DiveInformation
 from gliderhpc.calibration.glides.covariance import (
     HELD_REASONS,
     LEVEL,
@@ -111,6 +112,8 @@ class Calibration:
         Scores on the profiles used and on those held out (without segments if there were none).
     reference_time : numpy.datetime64
         Time to which the neutral volume belongs if it has a trend.
+    information : DiveInformation
+        Information of each fitted profile on the errors of the hull and the attitude.
     left_out : tuple of DisagreeingProfile
         Profiles that were left out of the fit, because they do not fit the hull of the others.
     """
@@ -122,6 +125,7 @@ class Calibration:
     fitted: Score
     held_out: Score
     reference_time: np.datetime64
+    information: DiveInformation
     left_out: tuple[DisagreeingProfile, ...] = ()
 
 
@@ -194,6 +198,7 @@ def calibrate(
         score(errors, steps),
         score(SegmentErrors(platform, candidates, held_out, errors.reference), steps),
         errors.reference,
+        fit.information(),
         left_out,
     )
     _check_glides(hull)

@@ -1,0 +1,96 @@
+"""A hull that changes among the dives of a calibration: the warning, on steady glides and on whole dives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.missions import program
+
+import gliderhpc as gh
+from gliderhpc.calibration.changes import MIN_ON_EACH_SIDE, DiveInformation, describe_change
+from gliderhpc.flight.hull_parameters import hull_parameters, with_values
+from gliderhpc.mission_hull.estimate import ProfileTerm
+from gliderhpc.platform import read_platform
+from gliderhpc.simulator import simulate_mission
+from gliderhpc.simulator.scenario import load_scenario
+
+PETREL = read_platform("petrel-l")
+LIGHTER = with_values(PETREL, {"buoyancy.neutral_volume": PETREL.buoyancy.neutral_volume - 60.0})
+"""The hull after it has gained buoyancy: an object of 62 g was lost."""
+
+PARAMETERS = hull_parameters(PETREL)
+DIVES = 12
+
+
+def dives_with_step(after, size=0.5, seed=0):
+    """Information of dives on every parameter, in which the neutral volume is larger by `size` from a dive on."""
+    rng = np.random.default_rng(seed)
+    volume = [p.key for p in PARAMETERS].index("buoyancy.neutral_volume")
+    terms = []
+    for number in range(1, DIVES + 1):
+        eta = np.zeros(len(PARAMETERS))
+        eta[volume] = size if number > after else 0.0
+        score = 400.0 * eta + rng.normal(scale=20.0, size=len(eta))
+        time = np.datetime64("2024-05-01T00:00:00", "ns") + np.timedelta64(3 * number, "h")
+        terms.append(ProfileTerm(number, time, np.zeros(len(eta)), score, 400.0 * np.eye(len(eta))))
+    return DiveInformation(PETREL, PARAMETERS, tuple(reversed(terms)))
+
+
+def test_a_change_is_described_with_its_onset_size_and_remedy():
+    warning = describe_change(dives_with_step(after=6))
+    assert warning.startswith(
+        "the hull changed among these dives, abruptly at profile 7 (7 to 7), with probability 1.000"
+    )
+    assert "neutral oil volume by +" in warning
+    assert warning.endswith("calibrate those before and after the change separately (`profiles`)")
+
+
+@pytest.mark.parametrize("size", [0.0, 0.02])
+def test_no_change_and_one_smaller_than_the_scatter_give_no_warning(size):
+    assert [describe_change(dives_with_step(after=6, size=size, seed=seed)) for seed in range(5)] == [""] * 5
+
+
+@pytest.mark.parametrize("after", [MIN_ON_EACH_SIDE - 1, DIVES - MIN_ON_EACH_SIDE + 1])
+def test_a_few_dives_at_one_end_are_no_change_of_the_hull(after):
+    """Those of one end can be in rougher water."""
+    assert describe_change(dives_with_step(after=after)) == ""
+
+
+def test_too_few_dives_show_no_change():
+    dives = dives_with_step(after=2)
+    assert describe_change(replace(dives, terms=dives.terms[-3:])) == ""
+
+
+def fly(path, changed):
+    """Fly calm dives; from the seventh on with the lighter hull if `changed`."""
+
+    def run(make, jobs):
+        for job in jobs:
+            yield make(replace(job, platform=LIGHTER if changed and job.number > 6 else PETREL))
+
+    scenario = load_scenario("calm").replaced({"profiles": DIVES, "depth": 100.0})
+    return simulate_mission(PETREL, path, scenario=scenario, seed=4, run=run).path
+
+
+@pytest.mark.compiled
+@pytest.mark.parametrize("changed", [True, False])
+def test_steady_glides_show_that_the_hull_changed(tmp_path, changed):
+    mission = fly(tmp_path / "mission.nc", changed)
+    out = tmp_path / "hull.yaml"
+    answer = program("calibrate", mission, "--platform", "petrel-l", "--out", out, "--set", "rounds.most=0")
+    assert answer.status == 0, answer.err
+    assert ("the hull changed among these dives, abruptly at profile 7" in " ".join(answer.out.split())) == changed
+    assert ("The hull changed among these dives" in gh.load_platform(out).source) == changed
+
+
+@pytest.mark.compiled
+@pytest.mark.long
+@pytest.mark.parametrize("changed", [True, False])
+def test_whole_dives_show_that_the_hull_changed(tmp_path, changed):
+    """Those held out for the score count too."""
+    found = gh.calibrate(fly(tmp_path / "mission.nc", changed), "petrel-l", workers=2, rounds={"most": 3})
+    rounds = found.dives.rounds
+    assert [term.number for term in rounds.terms] == list(range(1, DIVES + 1))
+    assert ("abruptly at profile 7" in found.change) == changed
+    assert (found.change in found.warnings) == changed
+    assert ("The hull changed among these dives" in found.platform.source) == changed
