@@ -262,7 +262,7 @@ _REMAINING: tuple[HullParameter, ...] = (
     HullParameter("position.reservoir.0", "m", "reservoir: how the oil moves the trim", _absolute(0.1)),
     HullParameter("viscous.K_M0", "kg", "pitch moment at zero angle of attack", _absolute(0.5)),
     HullParameter("viscous.K_M", "kg/rad", "pitch moment over angle of attack", _of("K_M", 0.2)),
-    HullParameter("position.hull.1", "m", "hull's mass to starboard: roll offset", _righting(0.1)),
+    HullParameter("position.hull.1", "m", "roll trim (hull's mass to starboard)", _righting(0.1), usual_walk=2e-5),
     HullParameter("battery_eccentricity", "m", "eccentricity of the battery", _relative(0.3), factor=True),
     HullParameter("viscous.K_beta", "kg/m/rad", "side force over sideslip", _relative(0.3), factor=True),
     HullParameter("viscous.K_MR", "kg/rad", "roll moment over sideslip", _of("K_MR", 0.3)),

@@ -58,8 +58,8 @@ class Rules(_Section):
     next_surfacing_outside : Box, optional
         Box within which the next surfacing should be.
     hull_changed : float, optional
-        Lowest probability of a change of drag, lift, neutral volume or the pitch sensor, or of any of these, that
-        raises an alert, from the second changed dive on.
+        Lowest probability of a change of drag, lift, neutral volume, roll trim or the pitch sensor, or of any of these,
+        that raises an alert, from the second changed dive on.
     drag_up_fifth : float, optional
         Lowest probability of an increase in drag by more than a fifth that raises an alert, from the second changed
         dive on.

@@ -96,6 +96,17 @@ def test_a_change_that_only_the_last_dive_shows_has_to_be_confirmed():
     assert line.endswith("the next must confirm it")
 
 
+def test_a_roll_that_changes_is_named_as_a_change_of_the_hull():
+    """As after the loss of a wing: 5 mm of roll trim from profile 19 on."""
+    roll_trim = PARAMETERS[KEYS.index("position.hull.1")]
+    step = 0.005 / roll_trim.deviation(HULL)
+    mission, content = summed_up(dives(30, {roll_trim.key: np.where(np.arange(30) < 18, 0.0, step)}))
+    history = history_of(mission, content)
+    lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
+    assert lines.pop(roll_trim.key).startswith("roll trim (hull's mass to starboard): changed abruptly at profile 19")
+    assert all("no change shown" in line for line in lines.values())
+
+
 def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     """A ramp of the drag from profile 14 on, +27 % at the end."""
     course = np.clip((np.arange(30) - 12) / 17.0, 0.0, 1.0) * 0.6
@@ -104,7 +115,7 @@ def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
     assert lines["viscous.K_D0"].startswith("drag at zero angle of attack: changed gradually from profile")
     others = [line for key, line in lines.items() if key != "viscous.K_D0"]
-    assert len(others) == 3
+    assert len(others) == 4
     assert all("no change shown" in line for line in others)
     change = history.change("viscous.K_D0")
     assert change["onset_low"] <= 14 <= change["onset_high"]
