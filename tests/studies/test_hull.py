@@ -107,6 +107,22 @@ def test_a_roll_that_changes_is_named_as_a_change_of_the_hull():
     assert all("no change shown" in line for line in lines.values())
 
 
+def test_dives_without_information_on_the_roll_cannot_show_its_change():
+    """Slow records leave the roll out."""
+    seen = np.array([p.key != "position.hull.1" for p in PARAMETERS], dtype=float)
+    terms = [
+        replace(term, score=seen * term.score, information=np.outer(seen, seen) * term.information, others=())
+        for term in dives(12, {})
+    ]
+    mission, content = summed_up(tuple(terms))
+    history = history_of(mission, content)
+    lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
+    assert lines.pop("position.hull.1") == (
+        "roll trim (hull's mass to starboard): the dives cannot show a change (probability 0.50)"
+    )
+    assert all("no change shown" in line for line in lines.values())
+
+
 def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     """A ramp of the drag from profile 14 on, +27 % at the end."""
     course = np.clip((np.arange(30) - 12) / 17.0, 0.0, 1.0) * 0.6

@@ -175,7 +175,8 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     if not np.isfinite(probability):
         return f"{p.meaning}: too few dives to show a change"
     if probability < POSSIBLE:
-        return f"{p.meaning}: no change shown (probability {probability:.2f})"
+        shown = "no change shown" if _is_judged(history, p) else "the dives cannot show a change"
+        return f"{p.meaning}: {shown} (probability {probability:.2f})"
     low, high = sorted((change["onset_low"], change["onset_high"]))
     form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
     size = size_text(p, float(history.series("estimate", p.key)[0]), change["change_total"], change["change_total_std"])
@@ -188,6 +189,13 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
         f"{p.meaning}: changed {course} (probability {probability:.3f}); the currents are those of one hull for all "
         "profiles, so calibrate those before and after the change separately"
     )
+
+
+def _is_judged(history: HullHistory, p: HullParameter) -> bool:
+    """Return whether the dives would determine the size of a change better than its prior does."""
+    first = p.steps(history.platform, float(history.series("estimate", p.key)[0]))
+    std = history.change(p.key)["change_total_std"] / abs(p.slope(history.platform, first))
+    return bool(std < UNDETERMINED)
 
 
 def joint_lines(history: HullHistory) -> tuple[str, ...]:
