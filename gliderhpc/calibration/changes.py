@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass
 
-from gliderhpc.flight.hull_parameters import HullParameter
+import numpy as np
+
+from gliderhpc.flight.hull_parameters import HullParameter, errors_in_units, stated_covariance, with_covariance
 from gliderhpc.mission_hull.estimate import ProfileTerm
+from gliderhpc.mission_hull.gaussian_chain import Array
 from gliderhpc.mission_hull.joint_change import JointChange
 from gliderhpc.mission_hull.single_changes import PROBABLE
 from gliderhpc.platform import Platform
@@ -33,20 +36,43 @@ class DiveInformation:
     terms: tuple[ProfileTerm, ...]
 
 
-def describe_change(dives: DiveInformation) -> str:
-    """Return a warning if the hull has probably changed among the dives (as in study ``hull``); otherwise ""."""
+@dataclass(frozen=True, eq=False)
+class ChangeAmongDives:
+    """Change of the hull among the dives of a calibration.
+
+    Attributes
+    ----------
+    warning : str
+        What has changed, since when, and what to do.
+    scatter : (p, p)
+        Covariance of the hulls of the dives about their mean, in plausible deviations.
+    """
+
+    warning: str
+    scatter: Array
+
+    def widened(self, hull: Platform, parameters: tuple[HullParameter, ...]) -> Platform:
+        """Return a calibrated hull whose stated errors include the difference of each dive's hull from the mean."""
+        covariance = stated_covariance(hull, parameters) + self.scatter
+        return with_covariance(hull, errors_in_units(hull, parameters, np.zeros(len(parameters)), covariance))
+
+
+def find_change(dives: DiveInformation) -> ChangeAmongDives | None:
+    """Return the change of the hull among the dives, if there is probably one, as study ``hull`` finds it."""
     terms = tuple(sorted(dives.terms, key=lambda term: term.time))
     mission = MissionTerms(dives.platform, dives.parameters, terms, without=())
     hull, _, joint = combine_terms(mission, HullSettings())
     if joint is None or joint.probability < PROBABLE or _is_at_one_end(joint, len(terms)):
-        return ""
+        return None
     values = zip(dives.parameters, hull.smoothed[0].mean.tolist(), strict=True)
     first = {p.key: p.moved(dives.platform, steps) for p, steps in values}
     found = read_joint_change(joint_in_units(mission, hull, joint), dives.parameters, first, len(terms))
-    return (
+    warning = (
         f"the hull changed among these dives, {found.course}, with probability {found.probability:.3f}, {found.cause}; "
-        "the result is a mean over all of them: calibrate those before and after the change separately (`profiles`)"
+        "the result is their mean, and its errors include the change: calibrate the dives before and after it "
+        "separately (`profiles`)"
     )
+    return ChangeAmongDives(warning, np.cov([dive.mean for dive in hull.smoothed], rowvar=False, bias=True))
 
 
 def _is_at_one_end(change: JointChange, dives: int) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.calibration.changes import describe_change
+from gliderhpc.calibration.changes import DiveInformation, find_change
 from gliderhpc.calibration.dives.fit import ProfileCalibrationInputs, calibrate_on_profiles
 from gliderhpc.calibration.estimated_hulls import CalibratedHull, HullFromDives, HullFromGlides, TunedHull
 from gliderhpc.calibration.glides.fit import calibrate as fit
@@ -120,19 +120,24 @@ def _calibrated(
                 executor,
                 progress,
             )
-            change = describe_change(dives.rounds.information)
-            return HullFromDives(platform=dives.platform, dives=dives, change=change)
+            return _with_change(HullFromDives(platform=dives.platform, dives=dives), dives.rounds.information)
     except CalibrationError as error:
         failure = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
         log.warning(failure)
     with threadpool_limits(limits=1):
         steady = fit(base, segments, held_out, settings.calibration, log.info)
-    return HullFromGlides(
-        platform=with_deviations_of(platform, steady.platform),
-        calibration=steady,
-        failure=failure,
-        change=describe_change(steady.information),
-    )
+    hull = with_deviations_of(platform, steady.platform)
+    return _with_change(HullFromGlides(platform=hull, calibration=steady, failure=failure), steady.information)
+
+
+def _with_change(calibrated: CalibratedHull, dives: DiveInformation) -> CalibratedHull:
+    """Return a calibrated hull with a warning, and wider errors, if the hull has probably changed among the dives."""
+    with threadpool_limits(limits=1):
+        change = find_change(dives)
+    if change is None:
+        return calibrated
+    widened = change.widened(calibrated.platform, dives.parameters)
+    return replace(calibrated, platform=widened, change=change.warning)
 
 
 def _with_source(calibrated: CalibratedHull, source: str) -> CalibratedHull:

@@ -7,8 +7,14 @@ import pytest
 from support.missions import program
 
 import gliderhpc as gh
-from gliderhpc.calibration.changes import MIN_ON_EACH_SIDE, DiveInformation, describe_change
-from gliderhpc.flight.hull_parameters import hull_parameters, with_values
+from gliderhpc.calibration.changes import MIN_ON_EACH_SIDE, DiveInformation, find_change
+from gliderhpc.flight.hull_parameters import (
+    errors_in_units,
+    hull_parameters,
+    stated_covariance,
+    with_covariance,
+    with_values,
+)
 from gliderhpc.mission_hull.estimate import ProfileTerm
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_mission
@@ -37,28 +43,39 @@ def dives_with_step(after, size=0.5, seed=0):
 
 
 def test_a_change_is_described_with_its_onset_size_and_remedy():
-    warning = describe_change(dives_with_step(after=6))
+    warning = find_change(dives_with_step(after=6)).warning
     assert warning.startswith(
         "the hull changed among these dives, abruptly at profile 7 (7 to 7), with probability 1.000"
     )
     assert "neutral oil volume by +" in warning
-    assert warning.endswith("calibrate those before and after the change separately (`profiles`)")
+    assert warning.endswith("calibrate the dives before and after it separately (`profiles`)")
 
 
 @pytest.mark.parametrize("size", [0.0, 0.02])
 def test_no_change_and_one_smaller_than_the_scatter_give_no_warning(size):
-    assert [describe_change(dives_with_step(after=6, size=size, seed=seed)) for seed in range(5)] == [""] * 5
+    assert [find_change(dives_with_step(after=6, size=size, seed=seed)) for seed in range(5)] == [None] * 5
 
 
 @pytest.mark.parametrize("after", [MIN_ON_EACH_SIDE - 1, DIVES - MIN_ON_EACH_SIDE + 1])
 def test_a_few_dives_at_one_end_are_no_change_of_the_hull(after):
     """Those of one end can be in rougher water."""
-    assert describe_change(dives_with_step(after=after)) == ""
+    assert find_change(dives_with_step(after=after)) is None
+
+
+def test_the_stated_errors_of_the_mean_include_the_change():
+    """Half of the dives lie a quarter of a plausible deviation on each side of the mean."""
+    covariance = 0.01 * np.eye(len(PARAMETERS))
+    hull = with_covariance(PETREL, errors_in_units(PETREL, PARAMETERS, np.zeros(len(PARAMETERS)), covariance))
+    widened = find_change(dives_with_step(after=6)).widened(hull, PARAMETERS)
+    added = np.diag(stated_covariance(widened, PARAMETERS)) - 0.01
+    volume = [p.key for p in PARAMETERS].index("buoyancy.neutral_volume")
+    assert added[volume] == pytest.approx(0.25**2, rel=0.2)
+    assert np.delete(added, volume).max() < 0.2 * added[volume]
 
 
 def test_too_few_dives_show_no_change():
     dives = dives_with_step(after=2)
-    assert describe_change(replace(dives, terms=dives.terms[-3:])) == ""
+    assert find_change(replace(dives, terms=dives.terms[-3:])) is None
 
 
 def fly(path, changed):
