@@ -69,8 +69,9 @@ def find_change(dives: DiveInformation) -> ChangeAmongDives | None:
     found = read_joint_change(joint_in_units(mission, hull, joint), dives.parameters, first, len(terms))
     warning = (
         f"the hull changed among these dives, {found.course}, with probability {found.probability:.3f}, {found.cause}; "
-        "the result is their mean, and its errors include the change: calibrate the dives before and after it "
-        "separately (`profiles`)"
+        "or the dives were flown differently (pitch, drive) and the platform file describes the hull less well in one "
+        "way than in the other; the result is a mean, and its errors include the change: calibrate the dives before "
+        "and after it separately (`profiles`)"
     )
     return ChangeAmongDives(warning, np.cov([dive.mean for dive in hull.smoothed], rowvar=False, bias=True))
 
