@@ -56,6 +56,24 @@ def test_files_of_two_gliders_at_one_time_are_refused_and_of_one_are_joined(tmp_
     np.testing.assert_allclose(joined["dac_north"], whole["dac_north"], atol=1e-9)
 
 
+def test_a_missions_faults_are_searched_once_for_all_its_dives(monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        "gliderhpc.observations.navigation.records.frozen_profiles", lambda *_: calls.append(None) or {}
+    )
+    currents(mission(Glide(dives=3, interval=8.0)))
+    assert len(calls) == 1
+
+
+def test_times_in_another_unit_than_declared_are_named_with_it(tmp_path):
+    records = mission(Glide(dives=1, interval=8.0))
+    milliseconds = records["time"].values.astype("datetime64[ms]").astype(np.float64)
+    unit = {"units": "seconds since 1970-01-01"}
+    records.drop_vars("time").assign(time=("time", milliseconds, unit)).to_netcdf(tmp_path / "a.nc")
+    with pytest.raises(InputError, match="too few for a current; time is in 'seconds since 1970-01-01': correct its u"):
+        currents(tmp_path / "a.nc")
+
+
 # Units
 
 

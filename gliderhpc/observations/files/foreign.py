@@ -114,8 +114,10 @@ ALIASES = {
 }
 """Possible names by variable, in lower case; matching ignores case."""
 
+_SLOCUM_SENSORS = ("m_present_time", "m_battpos", "m_de_oil_vol", "m_ballast_pumped", "sci_m_present_time")
+
 _KINDS = (
-    ("slocum", "the sensors of a Slocum", ("m_present_time", "m_battpos", "m_de_oil_vol", "m_ballast_pumped")),
+    ("slocum", "the sensors of a Slocum", _SLOCUM_SENSORS),
     ("seaglider", "a Seaglider's dive", ("log_gps_lat", "eng_vbdcc", "eng_pitchang", "gc_vbd_ad")),
     ("og1", "a Seaglider's controls", ("vbd_cc",)),
 )

@@ -10,6 +10,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.files.file_content import describe_content
+from gliderhpc.observations.files.foreign import importer_of
 from gliderhpc.observations.times import parse_times
 from gliderhpc.yaml_text import shown
 
@@ -65,6 +66,7 @@ def read_table(path: Path) -> xr.Dataset:
     if table.columns[0].startswith("#"):
         raise InputError(f"{path}: begins with a comment; remove it, so that the names of the columns come first")
     _check_separator([str(column) for column in table.columns], path)
+    _check_sensors([str(column) for column in table.columns], path)
     heads = [_UNIT_IN_HEAD.match(str(column)) for column in table.columns]
     if any(heads):
         names = [
@@ -107,6 +109,22 @@ def _check_separator(names: Sequence[str], path: Path) -> None:
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if len(names) == 1 and separator in names[0]:
             raise InputError(f"{path}: its columns are separated by {word}; separate them by commas")
+
+
+def _check_sensors(names: Sequence[str], path: Path) -> None:
+    """Refuse a text table of a glider's own sensors, such as one exported by dbdreader.
+
+    Raises
+    ------
+    InputError
+        The columns are sensors of a Slocum or a Seaglider.
+    """
+    importer, held = importer_of(names) or ("", "")
+    if importer in ("slocum", "seaglider"):
+        raise InputError(
+            f"{path}: contains {held} as text; give the glider's own files, or netCDF with the units of each variable, "
+            f"to `gliderhpc import {importer}`"
+        )
 
 
 def _check_units(units: pd.Series, path: Path) -> None:

@@ -10,6 +10,7 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.observations.files.columns import NamedColumns
 from gliderhpc.observations.files.packed import PACKING
+from gliderhpc.observations.importing.position_form import may_be_minutes
 from gliderhpc.observations.records import FloatArray
 from gliderhpc.wording import counted
 
@@ -25,6 +26,9 @@ _MAX_OUTSIDE = 0.5
 
 _SLIGHT = 1e-3
 """Excess over a limit, relative to the greatest magnitude of the values, that needs no remark."""
+
+_LATITUDES = (-90.0, 90.0)
+"""Limits of a latitude (degree)."""
 
 _ROUNDING = 1e-6
 """Relative rounding of a value or limit in single precision."""
@@ -114,6 +118,8 @@ def describe_outside(
     )
     if refuse_in and found > _MAX_OUTSIDE * count:
         raise InputError(f"{refuse_in}: {text}; correct {_NAMES}, or convert the values to the unit of these")
+    if limits == _LATITUDES and may_be_minutes(values, np.zeros(len(values))):
+        return f"{text}; these are treated as missing: convert the positions from DDMM.mmm to decimal degrees"
     return f"{text}; these are treated as missing: if they are right, correct {_NAMES}"
 
 

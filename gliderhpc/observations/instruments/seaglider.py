@@ -34,7 +34,7 @@ from gliderhpc.observations.instruments.seaglider_dive import (
     read_centres,
     read_dive,
 )
-from gliderhpc.wording import most_frequent_reason
+from gliderhpc.wording import counted, most_frequent_reason
 
 _NAME = re.compile(r"p(?P<vehicle>\d{3})(?P<dive>\d{4})(?:_\d{8})?\.nc", re.IGNORECASE)
 
@@ -272,10 +272,25 @@ def _complete_declinations(found: dict[int, _DiveFile], given: float | None) -> 
 
 
 def _describe_left_out(found: Mapping[int, _DiveFile]) -> tuple[str, ...]:
-    """Remarks on omitted variables of the water, each with the dives concerned."""
+    """Remarks on omitted variables of the water and on undeclared fill values, each with the dives concerned."""
     texts = dict.fromkeys(text for item in found.values() for text in item.dive.remarks)
-    return tuple(
+    omitted = tuple(
         f"{_dives([number for number, item in found.items() if text in item.dive.remarks])}: {text}" for text in texts
+    )
+    fills = {number: item.dive.fills for number, item in found.items()}
+    names = dict.fromkeys(name for counts in fills.values() for name in counts)
+    return omitted + tuple(
+        _describe_fills(name, {number: counts[name] for number, counts in fills.items() if name in counts})
+        for name in names
+    )
+
+
+def _describe_fills(name: str, counts: Mapping[int, int]) -> str:
+    """Remark on the undeclared fill values of a variable, given by their number in each dive that has any."""
+    samples = counted(sum(counts.values()), "sample")
+    return (
+        f"{_dives(list(counts))}: {name} is impossible, or a usual fill value, in {samples}; these are treated as "
+        "missing: declare its fill value (_FillValue)"
     )
 
 

@@ -12,7 +12,7 @@ the mission's first dive.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,11 +21,13 @@ from gliderhpc.observations.checks.heading_values import RANGE, describe_impossi
 from gliderhpc.observations.checks.sign_checks import refuse_negative_depth
 from gliderhpc.observations.checks.validation import clock_set_back
 from gliderhpc.observations.files.columns import UnitError
+from gliderhpc.observations.files.fills import MeasuredVariable
 from gliderhpc.observations.files.foreign import ForeignFile
 from gliderhpc.observations.files.valid_limits import check_limits
-from gliderhpc.observations.fixes import Fixes
+from gliderhpc.observations.fixes import Fixes, decimal_degrees
 from gliderhpc.observations.importing.dive_files import check_samples, read_fixes
 from gliderhpc.observations.importing.excursions import in_excursion
+from gliderhpc.observations.importing.position_form import may_be_minutes
 from gliderhpc.observations.importing.rows import Columns, increasing
 from gliderhpc.observations.intervals import local_intervals
 from gliderhpc.observations.nearest import onto_nearest
@@ -60,6 +62,9 @@ ROLL = Control("eng_rollCtl", "gc_roll", "log_ROLL_CNV", "log_C_ROLL_DIVE")
 
 CONTROLS = (PITCH, BALLAST, ROLL)
 """Controls in the order in which the motors run within a phase."""
+
+_QUANTITIES = {PITCH: "battery_position", BALLAST: "ballast_volume", ROLL: "battery_rotation"}
+"""Names of the controls in the observation format."""
 
 Centres = Mapping[Control, float]
 """Counts to which the positions are referred."""
@@ -183,6 +188,8 @@ class Dive:
         Number of dropped samples, whose time was missing or did not increase.
     remarks : tuple of str
         Sentences on impossible headings, and on variables of the water that are left out.
+    fills : dict of str to int
+        Number of undeclared fill values by variable of the file; they are treated as missing.
     """
 
     variables: Columns
@@ -192,6 +199,7 @@ class Dive:
     declination: float
     rows_dropped: int
     remarks: tuple[str, ...] = ()
+    fills: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def magnetic_heading(self) -> FloatArray:
@@ -227,6 +235,7 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     depth_name = file.first(["depth", "eng_depth"])
     if depth_name is None:
         raise InputError(f"{file.path}: has no depth")
+    fills = _reject_fills(file, depth_name)
     declination = _declination(file)
     remarks: list[str] = []
     samples: Columns = {
@@ -258,7 +267,31 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
     depth = samples["depth"].astype(np.float64)
     refuse_negative_depth(depth, str(file.path), depth_name)
     start, stop = _submerged(file, depth)
-    return Dive(samples, start, stop, _fixes(file), declination, int(np.count_nonzero(~keep)), tuple(remarks))
+    fixes = _fixes(file, remarks)
+    lost = int(np.count_nonzero(~keep))
+    return Dive(samples, start, stop, fixes, declination, lost, tuple(remarks), fills)
+
+
+def _reject_fills(file: ForeignFile, depth: str) -> dict[str, int]:
+    """Treat undeclared fill values as missing from now on; return their number by variable, for those that have any."""
+    columns = {
+        depth: ("depth", "m"),
+        "eng_rollAng": ("roll", "degree"),
+        "eng_pitchAng": ("pitch", "degree"),
+        **{control.column: (quantity, "") for control, quantity in _QUANTITIES.items()},
+        "pressure": ("pressure", ""),
+        **{file.first(names): (quantity, "") for quantity, (*names, _) in _CTD.items()},
+    }
+    masks = {
+        name: MeasuredVariable(
+            quantity, file.numbers(name), file.converted(name, unit) if unit else file.numbers(name)
+        ).fills
+        for name, (quantity, unit) in columns.items()
+        if name is not None and name in file
+    }
+    masks = {name: mask for name, mask in masks.items() if mask.any()}
+    file.reject(masks)
+    return {name: int(np.count_nonzero(mask)) for name, mask in masks.items()}
 
 
 def _magnetic_heading(file: ForeignFile, remarks: list[str]) -> FloatArray:
@@ -312,15 +345,19 @@ def _depth_in_log(file: ForeignFile, name: str) -> float:
     return depth if depth > 0.0 else SURFACE_DEPTH
 
 
-def _fixes(file: ForeignFile) -> Fixes:
-    """Read the file's fixes that the basestation did not reject."""
+def _fixes(file: ForeignFile, remarks: list[str]) -> Fixes:
+    """Read the file's fixes that the basestation did not reject; a remark is added if they are DDMM.mmm."""
     names = ("log_gps_time", "log_gps_lat", "log_gps_lon")
     if names[0] not in file:
         return Fixes.none()
     file.check_lengths(names)
     count = len(file.numbers(names[0]))
     flags = np.array([*file.text("log_gps_qc").ljust(count)])
-    return read_fixes(file, names, flags[:count] != REJECTED_FLAG)
+    fixes = read_fixes(file, names, flags[:count] != REJECTED_FLAG)
+    if not may_be_minutes(fixes.latitude, fixes.longitude):
+        return fixes
+    remarks.append("log_gps_lat and log_gps_lon lie off the globe as degrees, so they are read as DDMM.mmm")
+    return Fixes(fixes.time, decimal_degrees(fixes.latitude), decimal_degrees(fixes.longitude))
 
 
 def _water(file: ForeignFile, name: str, unit: str, remarks: list[str]) -> FloatArray | None:

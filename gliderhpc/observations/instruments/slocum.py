@@ -130,6 +130,7 @@ def _read_records(
     comments = {"heading_comment": heading_note, **_describe_controls(ballast, *battery, rudder="rudder" in variables)}
     rejected = {path.name: reason for path, reason in mission.rejected.items()}
     count = counted(len(mission.parts), "flight record")
+    fixes = _fixes_by_one_clock(mission)
     doubt = check_heading_unit(rows["m_heading"], spans, str(sources[0]), "m_heading")
     return MissionRecords(
         platform="slocum",
@@ -140,7 +141,7 @@ def _read_records(
         variables=variables,
         spans=spans,
         parts={number: _parts(mission, *span) for number, span in spans.items()},
-        fixes=_fixes_by_one_clock(mission),
+        fixes=fixes,
         comments={
             "battery_position_scale": battery[0],
             "battery_position_zero": battery[1],
@@ -150,7 +151,13 @@ def _read_records(
         rejected=rejected | {f"profile {number}": reason for number, reason in lost.items()},
         rows_dropped=Counter(mission.dropped),
         dropped_attribute="junk_dropped",
-        remarks=(*([doubt] if doubt else []), *_remarks(comments), count, *_describe_cuts(mission)),
+        remarks=(
+            *([doubt] if doubt else []),
+            *_remarks(comments),
+            *_describe_fixes(rows, fixes),
+            count,
+            *_describe_cuts(mission),
+        ),
         water=partial(_read_water, mission.science),
     )
 
@@ -235,6 +242,18 @@ def _fixes_by_one_clock(mission: Mission) -> Fixes:
     for begin, end in mission.set_back:
         fixes = fixes.where((fixes.time < begin) | (fixes.time > end))
     return fixes
+
+
+def _describe_fixes(rows: Rows, fixes: Fixes) -> tuple[str, ...]:
+    """Remark on a mission without a GPS fix; none if it has one."""
+    if len(fixes.time):
+        return ()
+    has_position = np.isfinite(rows["m_gps_lat"] + rows["m_gps_lon"]).any()
+    found = "no valid position at the surface" if has_position else "no position"
+    return (
+        f"m_gps_lat and m_gps_lon are missing or have {found}, so there are no GPS fixes and no currents, and "
+        "surfacings are found from depth alone; decode the mission again, with these sensors",
+    )
 
 
 def _read_water(rows: Rows, time: TimeArray, depth: FloatArray, interval: float) -> CtdSamples:

@@ -255,12 +255,12 @@ _BARE_SECONDS = ("timestamp", "s", "sec", "second", "seconds")
 
 
 def is_decoded(path: Path) -> bool:
-    """Return whether a file is a netCDF file of native sensors."""
+    """Return whether a file is a netCDF file of native sensors, of either computer."""
     if not path.is_file() or path.suffix.lower() != ".nc":
         return False
     try:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as dataset:
-            return FLIGHT_CLOCK in dataset.variables
+            return not {FLIGHT_CLOCK, SCIENCE_CLOCK}.isdisjoint(dataset.variables)
     except (OSError, RuntimeError, ValueError):
         return False
 
@@ -273,7 +273,8 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
     path : Path
         File of one-dimensional variables with native names and ``units`` attributes. Variables of the flight computer
         are along the dimension of ``m_present_time``. Those of the science computer are along the dimension of
-        ``sci_m_present_time``, or of ``m_present_time`` if the former is absent.
+        ``sci_m_present_time``, or of ``m_present_time`` if the former is absent. A file of the science computer alone
+        has no flight rows.
     part : int
         Number assigned to its rows.
     flight, science : sequence of Sensor
@@ -282,7 +283,7 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
     Raises
     ------
     InputError
-        The file cannot be read, lacks a clock or a required sensor, or declares an impossible unit.
+        The file cannot be read, lacks both clocks or a required sensor, or declares an impossible unit.
     """
     try:
         # The variables are loaded here, where an error of decompression is caught.
@@ -292,14 +293,25 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
     except (OSError, RuntimeError, ValueError) as error:
         content = describe_failure(path, error) or f"cannot be read as netCDF ({first_line(error)})"
         raise InputError(f"{path}: {content}") from error
-    if FLIGHT_CLOCK not in dataset.variables:
+    clocks = [name for name in (SCIENCE_CLOCK, FLIGHT_CLOCK) if name in dataset.variables]
+    held = any(sensor.name in dataset.variables for sensor in science)
+    only_science = held and not any(sensor.required and sensor.name in dataset.variables for sensor in flight)
+    if not clocks or not (FLIGHT_CLOCK in clocks or only_science):
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must contain native sensors with the time of each record")
-    held = [sensor.name for sensor in science if sensor.name in dataset.variables]
-    clock = SCIENCE_CLOCK if SCIENCE_CLOCK in dataset.variables else FLIGHT_CLOCK
     return (
-        _rows(dataset, path, part, FLIGHT_CLOCK, flight),
-        _rows(dataset, path, part, clock, science) if held else join_rows([], [sensor.name for sensor in science]),
+        _no_rows(flight) if only_science else _rows(dataset, path, part, FLIGHT_CLOCK, flight),
+        _rows(dataset, path, part, clocks[0], science) if held else _no_rows(science),
     )
+
+
+def _no_rows(sensors: Sequence[Sensor]) -> Rows:
+    return join_rows([], [sensor.name for sensor in sensors])
+
+
+def _unit(variable: xr.DataArray) -> str | None:
+    """Declared unit of a variable, None without one; pyglider's raw files have it in ``unit`` instead of ``units``."""
+    declared = variable.attrs.get("units", variable.attrs.get("unit"))
+    return None if declared is None else str(declared)
 
 
 def _rows(dataset: xr.Dataset, path: Path, part: int, clock: str, sensors: Sequence[Sensor]) -> Rows:
@@ -324,9 +336,8 @@ def _column(dataset: xr.Dataset, path: Path, clock: str, sensor: Sensor) -> Floa
         )
     if not np.issubdtype(array.dtype, np.number):
         raise InputError(f"{path}: {sensor.name} does not contain numbers")
-    unit = array.attrs.get("units")
     try:
-        convert = conversion(sensor.quantity, None if unit is None else str(unit), f"{path}: {sensor.name}")
+        convert = conversion(sensor.quantity, _unit(array), f"{path}: {sensor.name}")
     except UnitError as error:
         if sensor not in SCIENCE_SENSORS:
             raise
@@ -351,7 +362,7 @@ def _check_positions(dataset: xr.Dataset, path: Path) -> None:
     if not all(name in dataset.variables for name in _POSITIONS):
         return
     latitude, longitude = (np.asarray(dataset[name].values, dtype=np.float64) for name in _POSITIONS)
-    units = [str(dataset[name].attrs["units"]).strip() for name in _POSITIONS]
+    units = [(_unit(dataset[name]) or "").strip() for name in _POSITIONS]
     accepted, typical = _accepted("position in degree"), typical_position(latitude, longitude)
     if typical is None:
         return
@@ -373,7 +384,7 @@ def _seconds(clock: xr.DataArray, path: Path) -> FloatArray:
         raise InputError(f"{path}: {clock.name} has {clock.ndim} dimensions; it must have one")
     if not np.issubdtype(clock.dtype, np.number):
         raise InputError(f"{path}: {clock.name} does not contain numbers")
-    unit = str(clock.attrs.get("units", "")).strip()
+    unit = (_unit(clock) or "").strip()
     is_bare = unit.lower() in _BARE_SECONDS
     if not is_bare and " since " not in unit.lower():
         raise InputError(

@@ -131,7 +131,7 @@ def read_mission(files: SlocumFiles, cache: Path | None, reads: Reads) -> Missio
     for path in files.decoded:
         _read_netcdf(path, reads, collected)
     if not collected.flight:
-        raise InputError(next(iter(collected.rejected.values())))
+        raise InputError(next(iter(collected.rejected.values()), _describe_science_only(files)))
     dropped: Counter[str] = Counter()
     dropped_science: Counter[str] = Counter()
     source = next(path for path in (*files.flight, *files.decoded) if path not in collected.rejected)
@@ -179,9 +179,15 @@ def _read_netcdf(path: Path, reads: Reads, collected: _Collected) -> None:
     except InputError as error:
         collected.rejected[path] = str(error)
         return
-    collected.flight.append(_segments_in_order(flight, path))
     collected.science.append(_segments_in_order(science, path))
-    collected.parts.append(path.stem)
+    if len(flight) or not len(science):
+        collected.flight.append(_segments_in_order(flight, path))
+        collected.parts.append(path.stem)
+
+
+def _describe_science_only(files: SlocumFiles) -> str:
+    names = ", ".join(map(str, files.decoded))
+    return f"{names}: records of the science computer only; give the files of the flight computer too"
 
 
 def _segments_in_order(rows: Rows, path: Path) -> Rows:

@@ -138,10 +138,13 @@ class NavigationColumns(NamedColumns):
         return self._rejected.without_times(name, super().times(name))
 
     def describe_clock(self) -> str:
-        """Clause on times without a unit; empty if they have one, or need none."""
+        """Clause on the unit of the times, with the remedy; empty if they need no unit."""
         name = self.find("time")
-        if self._dataset[name].dtype.kind not in "fiu" or self.attribute("units", name):
+        if self._dataset[name].dtype.kind not in "fiu":
             return ""
+        unit = self.attribute("units", name)
+        if unit:
+            return f"; {name} is in '{unit}': correct its units"
         return f"; {name} has no units, so it is taken as {DEFAULT_UNITS}: declare its unit"
 
     def texts(self, name: str) -> npt.NDArray[np.str_] | None:

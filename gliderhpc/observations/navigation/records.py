@@ -6,6 +6,7 @@ their variables. Neither ballast nor battery is needed.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +108,7 @@ class Navigation:
         found, first = np.unique(self.profile[self.profile > 0], return_index=True)
         return [int(number) for number in found[np.argsort(first, kind="stable")]]
 
-    @property
+    @cached_property
     def faults(self) -> dict[int, str]:
         """Reasons why profiles cannot be used, by number: times by two clocks, or a compass that failed."""
         frozen = frozen_profiles(_seconds(self.time), self.heading, self.pitch, self.roll, self.profile)

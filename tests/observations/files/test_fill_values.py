@@ -13,6 +13,7 @@ from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.in_memory import read_records
 from gliderhpc.observations.instruments.og1 import import_og1
+from gliderhpc.observations.instruments.seaglider import import_seaglider
 
 FILLS = (99999.0, -999.0, -9999.0, 9.96921e36)
 HOLE = slice(60, 64)
@@ -73,6 +74,33 @@ def test_fills_in_the_rows_without_a_fix_are_no_positions(tmp_path, fill):
             file[name][np.flatnonzero(np.isnan(rows))] = fill
     summary = import_og1([path], tmp_path / "out.nc")
     assert (summary.fixes, summary.fixes_dropped) == (6, 0)
+
+
+SEAGLIDER_COLUMNS = {
+    "eng_pitchAng": "pitch",
+    "eng_rollAng": "roll",
+    "depth": "depth",
+    "eng_vbdCC": "ballast_volume",
+    "temperature": "temperature",
+}
+
+
+@pytest.mark.parametrize("fill", [-999.0, 9.96921e36])
+@pytest.mark.parametrize("name", SEAGLIDER_COLUMNS)
+def test_undeclared_fills_of_a_seaglider_are_missing_and_counted(tmp_path, name, fill):
+    """Recentred, a volume of -999 cm3 would be another plausible one."""
+    for dive in (1, 2):
+        path = made.write_dive(tmp_path / "m", dive, columns=True, centres=(2400.0, 2300.0, 3000.0 + 40.0 * dive))
+        with netCDF4.Dataset(path, "a") as file:
+            file[name][HOLE] = fill
+    summary = import_seaglider([tmp_path / "m"], tmp_path / "out.nc")
+    assert [profile.fault for profile in summary.profiles] == [None, None]
+    assert summary.remarks == (
+        f"2 dives from 1 to 2: {name} is impossible, or a usual fill value, in 8 samples; these are treated as "
+        "missing: declare its fill value (_FillValue)",
+    )
+    with xr.open_dataset(tmp_path / "out.nc") as found:
+        assert int(np.isnan(found[SEAGLIDER_COLUMNS[name]].values).sum()) == 8
 
 
 def test_a_depth_in_centimetres_may_be_9999(tmp_path):

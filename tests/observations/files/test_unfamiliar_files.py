@@ -211,6 +211,24 @@ def test_a_table_with_another_separator_is_called_so(tmp_path, separator, word):
         read_table(path)
 
 
+def test_a_table_of_native_sensors_is_refused_with_the_importer(tmp_path):
+    path = tmp_path / "dbd.csv"
+    path.write_text("m_present_time,m_depth,m_pitch\n1435190400.0,1.5,0.1\n")
+    with pytest.raises(
+        InputError, match="contains the sensors of a Slocum as text; give the glider's own files, or ne"
+    ):
+        read_table(path)
+
+
+def test_positions_in_degrees_and_minutes_outside_the_declared_limits_are_called_so(tmp_path):
+    path = made.write_og1(tmp_path / "og1.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        file["LATITUDE_GPS"][:] = 100.0 * file["LATITUDE_GPS"][:]
+        file["LATITUDE_GPS"].valid_min, file["LATITUDE_GPS"].valid_max = -90.0, 90.0
+    remark = next(each for each in import_og1([path], tmp_path / "out.nc").remarks if "LATITUDE_GPS is outside" in each)
+    assert remark.endswith("treated as missing: convert the positions from DDMM.mmm to decimal degrees")
+
+
 def test_times_of_a_table_may_name_their_zone(tmp_path, recwarn):
     path = tmp_path / "table.csv"
     times = ("2024-05-01T02:00:00+02:00", "2024-05-01 00:00:01 UTC", "2024-05-01T00:00:02Z")

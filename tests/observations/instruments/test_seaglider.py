@@ -292,6 +292,22 @@ def test_water_in_an_unknown_unit_is_left_out_and_the_dives_stay(tmp_path, name,
         assert np.isfinite(samples(tmp_path / "out.nc", dive)[column].values).any() == known
 
 
+def test_positions_in_degrees_and_minutes_are_recognised(tmp_path):
+    import_seaglider([write_mission(tmp_path / "m", columns=True)], tmp_path / "degrees.nc")
+    for dive in (1, 2, 3):
+        _, latitude, longitude = made.fixes(dive)
+        minutes = [100.0 * np.trunc(value) + 60.0 * (value - np.trunc(value)) for value in (latitude, longitude)]
+        made.write_dive(tmp_path / "n", dive, columns=True, log_gps_lat=minutes[0], log_gps_lon=minutes[1])
+    summary = import_seaglider([tmp_path / "n"], tmp_path / "minutes.nc")
+    assert summary.remarks == (
+        "3 dives from 1 to 3: log_gps_lat and log_gps_lon lie off the globe as degrees, so they are read as DDMM.mmm",
+    )
+    assert (summary.fixes, summary.fixes_dropped) == (9, 0)
+    with xr.open_dataset(tmp_path / "degrees.nc") as degrees, xr.open_dataset(tmp_path / "minutes.nc") as found:
+        for name in ("fix_latitude", "fix_longitude"):
+            np.testing.assert_allclose(found[name], degrees[name], atol=1e-9)
+
+
 def test_the_self_test_is_no_profile(tmp_path):
     folder = write_mission(tmp_path / "m", columns=True)
     first = min(folder.iterdir())

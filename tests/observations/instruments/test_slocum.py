@@ -17,6 +17,7 @@ from support.slocum_files import (
     INTERVAL,
     STANDARD_TEMPERATURE,
     START,
+    UNITS,
     binary,
     flight,
     joined,
@@ -395,6 +396,48 @@ def card(tmp_path, dbdreader):
         write_binary(folder / f"{name}.dbd", flight(number), name=name, factored=True)
         write_binary(folder / f"{name}.ebd", science(number), name=name, crc="5c1e0ce5")
     return folder
+
+
+def write_raw_pyglider(folder, flown, sampled):
+    """Write the raw files of pyglider: one for each computer, with the units in the attribute ``unit``."""
+    folder.mkdir()
+    for name, columns in (("dbd", flown), ("ebd", sampled)):
+        data = {sensor: ("time", values, {"unit": UNITS[sensor]}) for sensor, values in columns.items()}
+        xr.Dataset(data).to_netcdf(folder / f"glider-raw{name}.nc")
+    return folder
+
+
+def test_raw_files_of_pyglider_are_read(tmp_path):
+    import_slocum([write_netcdf(tmp_path / "glider.nc", flight(), science())], tmp_path / "one.nc")
+    # Its files of the flight computer also have the clock of the science computer, and the other way round.
+    flown = flight() | {"sci_m_present_time": flight()["m_present_time"] - 1.0}
+    sampled = science() | {"m_present_time": science()["sci_m_present_time"] - 1.0}
+    source = write_raw_pyglider(tmp_path / "raw", flown, sampled)
+    summary = import_slocum([source], tmp_path / "two.nc")
+    assert summary.rejected == {}
+    assert "1 flight record" in summary.remarks
+    with xr.open_dataset(tmp_path / "one.nc") as one, xr.open_dataset(tmp_path / "two.nc") as two:
+        xr.testing.assert_equal(one, two)
+
+
+def test_records_of_the_science_computer_alone_are_refused(tmp_path):
+    source = write_raw_pyglider(tmp_path / "raw", flight(), science())
+    (source / "glider-rawdbd.nc").unlink()
+    with pytest.raises(InputError, match="records of the science computer only; give the files of the flight computer"):
+        import_slocum([source], tmp_path / "out.nc")
+
+
+@pytest.mark.parametrize(("status", "found"), [(None, "no position"), (1.0, "no valid position at the surface")])
+def test_a_mission_without_a_fix_is_imported_with_a_remark(tmp_path, status, found):
+    flown = flight()
+    if status is None:
+        del flown["m_gps_lat"], flown["m_gps_lon"]
+    else:
+        flown["m_gps_status"] = np.full(len(flown["m_depth"]), status)
+    summary = import_slocum([write_netcdf(tmp_path / "glider.nc", flown)], tmp_path / "out.nc")
+    assert summary.fixes == 0
+    (remark,) = [each for each in summary.remarks if "GPS" in each]
+    assert remark.startswith(f"m_gps_lat and m_gps_lon are missing or have {found}, so there are no GPS fixes")
 
 
 def test_binary_files_say_what_netcdf_says(card, tmp_path):
