@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.checks.heading_values import RANGE, describe_impossible, outside, remove_turns
@@ -274,22 +275,20 @@ def read_dive(file: ForeignFile, centres: Centres) -> Dive:
 
 def _reject_fills(file: ForeignFile, depth: str) -> dict[str, int]:
     """Treat undeclared fill values as missing from now on; return their number by variable, for those that have any."""
-    columns = {
-        depth: ("depth", "m"),
-        "eng_rollAng": ("roll", "degree"),
-        "eng_pitchAng": ("pitch", "degree"),
-        **{control.column: (quantity, "") for control, quantity in _QUANTITIES.items()},
-        "pressure": ("pressure", ""),
-        **{file.first(names): (quantity, "") for quantity, (*names, _) in _CTD.items()},
-    }
-    masks = {
-        name: MeasuredVariable(
-            quantity, file.numbers(name), file.converted(name, unit) if unit else file.numbers(name)
-        ).fills
-        for name, (quantity, unit) in columns.items()
-        if name is not None and name in file
-    }
-    masks = {name: mask for name, mask in masks.items() if mask.any()}
+    columns = [
+        ("depth", depth, "m"),
+        ("roll", "eng_rollAng", "degree"),
+        ("pitch", "eng_pitchAng", "degree"),
+        *((quantity, control.column, None) for control, quantity in _QUANTITIES.items()),
+        ("pressure", "pressure", None),
+        *((quantity, file.first(names) or "", None) for quantity, (*names, _) in _CTD.items()),
+    ]
+    masks: dict[str, npt.NDArray[np.bool_]] = {}
+    for quantity, name, unit in columns:
+        if name in file:
+            stored = file.numbers(name)
+            fills = MeasuredVariable(quantity, stored, file.converted(name, unit) if unit else stored).fills
+            masks |= {name: fills} if fills.any() else {}
     file.reject(masks)
     return {name: int(np.count_nonzero(mask)) for name, mask in masks.items()}
 
