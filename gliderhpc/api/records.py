@@ -27,7 +27,7 @@ from gliderhpc.observations.in_memory import Records, opened_records, read_recor
 from gliderhpc.observations.instruments.og1 import import_og1
 from gliderhpc.observations.instruments.seaexplorer import import_seaexplorer
 from gliderhpc.observations.instruments.seaexplorer_files import is_seaexplorer_file
-from gliderhpc.observations.instruments.seaglider import import_seaglider, is_seaglider_file
+from gliderhpc.observations.instruments.seaglider import import_seaglider, is_seaglider_file, refuse_raw_files
 from gliderhpc.observations.instruments.slocum import import_slocum
 from gliderhpc.observations.instruments.slocum_files import is_binary
 from gliderhpc.observations.navigation.columns import NavigationColumns
@@ -178,6 +178,7 @@ def kind_of(sources: Sequence[Path]) -> str:
     if not kinds:
         _refuse_with_needs(sources)
         refuse_compressed(path for source in sources for path in _files(source))
+        refuse_raw_files(sources)
         raise InputError(
             f"{', '.join(map(str, sources))}: not recognised as a glider's records by name or content; "
             f"give their kind, one of {', '.join(IMPORTERS)} (`gliderhpc import KIND`)"

@@ -59,6 +59,10 @@ def epoch_seconds(time: np.datetime64 | TimeArray) -> float | FloatArray:
     return float(seconds) if np.ndim(time) == 0 else np.asarray(seconds)
 
 
+NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
+"""Usual values of missing samples, which some files do not declare."""
+
+
 @dataclass(frozen=True, eq=False)
 class DecodedTimes:
     """Times of a file.
@@ -68,7 +72,7 @@ class DecodedTimes:
     time : (n,) array
         Times (UTC, ns), NaT where missing or implausible.
     implausible : (n,) array of bool
-        Mask of the values that are present but outside the years of gliders.
+        Mask of the values that are present but outside the years of gliders, or undeclared fill values.
     """
 
     time: TimeArray
@@ -102,13 +106,24 @@ def decode_times(values: npt.NDArray[np.generic], units: str, calendar: str, whe
         units = f"{written['unit'].lower()} since {written['reference']}"
     with np.errstate(invalid="ignore", over="ignore"):
         seconds = begin + values.astype(np.float64) * factor
-    plausible = (seconds >= epoch_seconds(EARLIEST)) & (seconds < epoch_seconds(LATEST))
+    plausible = (seconds >= epoch_seconds(EARLIEST)) & (seconds < epoch_seconds(LATEST)) & ~_negative_fills(values)
     implausible = ~plausible & ~np.isnan(seconds)
     usable = values if plausible.all() else np.where(plausible, values.astype(np.float64), np.nan)
     # A day in the years of gliders, which tests unit and calendar even if there is no plausible time.
     probe = np.array([(epoch_seconds(EARLIEST) - begin) / factor + 86_400.0 / factor])
     time = _decoded(usable if plausible.any() else np.append(probe, usable), units, calendar, where)
     return DecodedTimes(time[len(time) - len(values) :], implausible)
+
+
+def _negative_fills(values: npt.NDArray[np.generic]) -> npt.NDArray[np.bool_]:
+    """Mask ``(n,)`` of the usual fill values among times, unless there are other negative ones.
+
+    Since a recent day, -999 s is a plausible time.
+    """
+    numbers = values.astype(np.float64)
+    fills = np.isin(numbers, NEGATIVE_FILLS)
+    with np.errstate(invalid="ignore"):
+        return fills & ~(numbers[~fills] < 0.0).any()
 
 
 def parse_times(texts: npt.NDArray[np.generic], where: str) -> TimeArray:

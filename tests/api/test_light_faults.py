@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from support import seaglider_files, slocum_files
+from support import observation_files, seaglider_files, slocum_files
 from support.glides import Glide, mission
 
 from gliderhpc.api.currents import currents, navigation_of
@@ -72,6 +72,13 @@ def test_times_in_another_unit_than_declared_are_named_with_it(tmp_path):
     records.drop_vars("time").assign(time=("time", milliseconds, unit)).to_netcdf(tmp_path / "a.nc")
     with pytest.raises(InputError, match="too few for a current; time is in 'seconds since 1970-01-01': correct its u"):
         currents(tmp_path / "a.nc")
+
+
+def test_profile_numbers_in_halves_are_refused(tmp_path):
+    """As pyglider counts: rounded down, two profiles would become one."""
+    path = observation_files.edited(tmp_path, lambda dataset: dataset.assign(profile=dataset["profile"] / 2.0))
+    with pytest.raises(InputError, match=r"profile is 0.5 at sample \d+; it must be a whole number"):
+        currents(path)
 
 
 # Units

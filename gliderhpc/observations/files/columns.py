@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from gliderhpc.errors import InputError
 from gliderhpc.observations.records import FloatArray, TimeArray
-from gliderhpc.observations.times import decode_texts, decode_times
+from gliderhpc.observations.times import NEGATIVE_FILLS, decode_texts, decode_times
 from gliderhpc.wording import counted
 
 DEFAULT_UNITS = "seconds since 1970-01-01"
@@ -68,7 +68,6 @@ FACTORS: Mapping[str, Mapping[str, float]] = {
 """Conversion factors by the wanted unit and the spelling of the declared unit, in lower case."""
 
 
-NEGATIVE_FILLS = (-999.0, -9999.0, -99999.0, -999999.0)
 USUAL_FILLS = (*NEGATIVE_FILLS, 9999.0, 99999.0, 999999.0)
 """Usual values of missing samples, which some files do not declare; no sensor of a glider reads exactly these."""
 

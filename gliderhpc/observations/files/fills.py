@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from gliderhpc.observations.checks.heading_values import MIN_DISTINCT, RANGE
-from gliderhpc.observations.files.columns import NEGATIVE_FILLS, USUAL_FILLS, usual_fills
+from gliderhpc.observations.files.columns import USUAL_FILLS, usual_fills
 from gliderhpc.observations.format import CONTROLS, VARIABLES
 from gliderhpc.observations.records import FloatArray
+from gliderhpc.observations.times import NEGATIVE_FILLS
 
 HUGE = 1e30
 """Magnitude at or above which a value is a fill value, such as the netCDF library's 9.96921e36."""

@@ -44,6 +44,26 @@ def is_seaglider_file(path: Path) -> bool:
     return _NAME.fullmatch(path.name) is not None
 
 
+_RAW_NAME = re.compile(r"p\d{7}\.(?:log|eng|asc|dat|cap)", re.IGNORECASE)
+
+
+def refuse_raw_files(sources: Iterable[Path]) -> None:
+    """Refuse the text files of a Seaglider's dives, from which the basestation makes the per-dive netCDF files.
+
+    Raises
+    ------
+    InputError
+        A source is such a file, or a folder that contains one.
+    """
+    for source in sources:
+        raw = next((path for path in (source, *sorted(source.glob("*"))) if _RAW_NAME.fullmatch(path.name)), None)
+        if raw is not None:
+            raise InputError(
+                f"{raw}: is a text file of a Seaglider's dive; give the basestation's netCDF file of each dive "
+                "(pGGGDDDD.nc)"
+            )
+
+
 def find_files(sources: Sequence[Path]) -> tuple[int, dict[int, Path]]:
     """Collect the per-dive files of a mission.
 

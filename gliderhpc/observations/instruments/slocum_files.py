@@ -19,7 +19,7 @@ import xarray as xr
 
 from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.checks.heading_values import RANGE
-from gliderhpc.observations.files.columns import DEFAULT_UNITS, FACTORS, NEGATIVE_FILLS, UnitError
+from gliderhpc.observations.files.columns import DEFAULT_UNITS, FACTORS, UnitError
 from gliderhpc.observations.files.file_content import describe_failure
 from gliderhpc.observations.files.foreign import name_compressed, refuse_compressed
 from gliderhpc.observations.files.packed import open_dataset
@@ -28,7 +28,7 @@ from gliderhpc.observations.fixes import decimal_degrees
 from gliderhpc.observations.importing.position_form import NEAR_ZERO, are_not_decimal, may_be_decimal, typical_position
 from gliderhpc.observations.importing.rows import Rows, join_rows
 from gliderhpc.observations.records import FloatArray
-from gliderhpc.observations.times import EARLIEST, LATEST, check_resolution, decode_times, epoch_seconds
+from gliderhpc.observations.times import EARLIEST, LATEST, NEGATIVE_FILLS, check_resolution, decode_times, epoch_seconds
 
 log = logging.getLogger(__name__)
 

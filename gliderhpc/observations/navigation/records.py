@@ -16,7 +16,12 @@ import xarray as xr
 from gliderhpc.errors import InputError
 from gliderhpc.observations.checks.depth_screening import noise_window
 from gliderhpc.observations.checks.heading_values import frozen_profiles
-from gliderhpc.observations.checks.validation import describe_time, describe_unnumbered, profile_spans
+from gliderhpc.observations.checks.validation import (
+    check_profile_numbers,
+    describe_time,
+    describe_unnumbered,
+    profile_spans,
+)
 from gliderhpc.observations.dataset import open_stored
 from gliderhpc.observations.dive_phases import dive_notes
 from gliderhpc.observations.fixes import SurfaceFixes, describe_fixes, pair_fault, rounding_error, screen_fixes
@@ -408,7 +413,9 @@ def _longest_gap(seconds: FloatArray) -> tuple[float, float]:
 def _profiles(columns: NavigationColumns, order: IntArray, time: TimeArray, depth: FloatArray) -> IntArray:
     """Number of the profile of every sample: the file's own in the observation format, else detected from depth."""
     if _has_numbers(columns):
-        return np.nan_to_num(columns.quantity("profile")[order]).astype(np.int64)
+        numbers = np.nan_to_num(columns.quantity("profile"))
+        check_profile_numbers(numbers, columns.source)
+        return numbers[order].astype(np.int64)
     return detect_profiles(_seconds(time), depth, record_break=RECORD_BREAK)
 
 

@@ -14,6 +14,7 @@ from gliderhpc.observations import open_observations
 from gliderhpc.observations.in_memory import read_records
 from gliderhpc.observations.instruments.og1 import import_og1
 from gliderhpc.observations.instruments.seaglider import import_seaglider
+from gliderhpc.observations.times import decode_times
 
 FILLS = (99999.0, -999.0, -9999.0, 9.96921e36)
 HOLE = slice(60, 64)
@@ -148,6 +149,27 @@ def test_an_undeclared_fill_within_the_plausible_range_is_missing_in_an_observat
         "declare its fill value"
     )
     assert int(np.isnan(read_records(path)[name].values).sum()) == 30
+
+
+def test_a_negative_fill_is_no_time_since_a_recent_day(tmp_path):
+    """Half an hour before the reference is a plausible time, so the clock seemed to have been set back."""
+
+    def edit(dataset):
+        assert (dataset["time"] >= 0.0).all()
+        dataset = dataset.reset_index("time") if "time" in dataset.indexes else dataset
+        time = dataset["time"].values.copy()
+        time[500] = -999.0
+        return dataset.assign_coords(time=("time", time, dataset["time"].attrs))
+
+    with open_observations(observation_files.edited(tmp_path, edit)) as observations:
+        assert observations.faults == {}
+        (remark,) = observations.warnings
+    assert remark.startswith("time is not between 2000 and 2099 in 1 sample, the first at sample 500: left out")
+
+
+def test_negative_times_that_run_through_a_fill_value_remain():
+    times = decode_times(np.arange(-1001.0, -990.0), "seconds since 2024-05-01", "", "time")
+    assert not times.implausible.any()
 
 
 def test_a_fill_value_is_no_depth_of_a_current():

@@ -7,6 +7,7 @@ import xarray as xr
 from support import seaglider_files as made
 from support.missions import program
 
+from gliderhpc.api.records import kind_of
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
 from gliderhpc.observations.files.headings import North, north_of
@@ -306,6 +307,16 @@ def test_positions_in_degrees_and_minutes_are_recognised(tmp_path):
     with xr.open_dataset(tmp_path / "degrees.nc") as degrees, xr.open_dataset(tmp_path / "minutes.nc") as found:
         for name in ("fix_latitude", "fix_longitude"):
             np.testing.assert_allclose(found[name], degrees[name], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["p0990001.log", "p0990001.eng"])
+def test_text_files_of_a_dive_are_refused_with_the_files_to_give(tmp_path, name):
+    (tmp_path / name).write_text("version: 66.10\n")
+    for source in (tmp_path, tmp_path / name):
+        with pytest.raises(
+            InputError, match=f"{name}: is a text file of a Seaglider's dive; give the basestation's ne"
+        ):
+            kind_of([source])
 
 
 def test_the_self_test_is_no_profile(tmp_path):
