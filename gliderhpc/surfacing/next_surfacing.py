@@ -16,7 +16,7 @@ from gliderhpc.observations.records import Fix
 from gliderhpc.observations.times import SECOND
 from gliderhpc.studies.library.scores import covariance_matrix
 from gliderhpc.surfacing.dive_plan import DivePlan
-from gliderhpc.surfacing.next_displacement import displacement_scatter, expected_displacements, planned_scatter
+from gliderhpc.surfacing.next_displacement import expected_displacement, planned_scatter
 from gliderhpc.surfacing.nowcast import CurrentObservation, Nowcast, nowcasts
 from gliderhpc.vocabulary import TIDAL_PERIODS
 
@@ -128,33 +128,33 @@ def predict_from(
     Notes
     -----
     The position is the sum of the last fix, the displacement expected of the next dive, and the filter's integral of
-    the current. The displacement is that of the last dive, adjusted against the last change of the current to the
-    extent that the glider did so before (`expected_displacements`). An error common to all dives, such as a wrong drag,
-    changes displacement and current in opposite directions and leaves the position unchanged. The errors of the
-    filter's observations are therefore only those of the fixes and of the time at the surface; those of the hull are
-    added to the predicted current. The difference between the next dive's displacement and the expected one is assumed
-    to have the mean square of such differences so far. At the surface the glider drifts with the current and a further,
-    constant velocity, with the scatter that the drifts so far have (`surface_offset`). The covariance of the position
-    is scaled by the misses that the same prediction would have had after each of the dives before (`ellipse_scale`). A
-    planned duration or speed changes the length of the expected displacement, a planned heading its direction; its
-    scatter is then that of past lengths, and across the heading a tenth of the length (`planned_scatter`), unscaled.
+    the current. The displacement and its covariance follow from the pattern of the courses so far, such as a dive like
+    the last one or several courses in turn, adjusted against the last change of the current to the extent that the
+    glider did so before (`expected_displacement`). An error common to all dives, such as a wrong drag, changes
+    displacement and current in opposite directions and leaves the position unchanged. The errors of the filter's
+    observations are therefore only those of the fixes and of the time at the surface; those of the hull are added to
+    the predicted current. At the surface the glider drifts with the current and a further, constant velocity, with the
+    scatter that the drifts so far have (`surface_offset`). The covariance of the position is scaled by the
+    misses that the same prediction had after each of the dives before (`ellipse_scale`). A planned duration or speed
+    changes the length of the expected displacement. With a planned heading, the displacement is by default as long as
+    the last one; its scatter is that of past lengths, and across the heading a tenth of the length
+    (`planned_scatter`), unscaled.
     """
     surface = surface_offset(dives, surface_shear)
-    displacements = _vectors(dives, "displacement_{}")
-    expected = expected_displacements(displacements, _vectors(dives, "dac_{}_smoothed"), dives["duration"].values)
-    spread = displacement_scatter(displacements, expected)
-    count = dives.sizes["profile"]
+    flown = (_vectors(dives, "displacement_{}"), _vectors(dives, "dac_{}_smoothed"), dives["duration"].values)
+    displacements, count = flown[0], dives.sizes["profile"]
     states = _nowcasts_after(dives, fix_error, surface, tides, range(count - 1 - _COMPARED, count))
     latest, last = states.pop(count - 1), fix_after(dives, count - 1)
-    past = [
-        _predict_cycle(dives, dive, state, surface, (expected[dive], spread), fix_error=fix_error)
-        for dive, state in states.items()
-        if is_followed(dives, dive)
-    ]
+    past = []
+    for dive, state in states.items():
+        if is_followed(dives, dive):
+            then = expected_displacement(*(values[: dive + 1] for values in flown))
+            past.append(_predict_cycle(dives, dive, state, surface, then, fix_error=fix_error))
     scale = ellipse_scale([_squared_distance(dives, cycle) for cycle in past])
-    through, duration = expected[-1], None
+    (through, spread), duration = expected_displacement(*flown), None
     if plan is not None:
-        through, duration = plan.displacement(through, float(dives["duration"][-1])), plan.duration
+        ordered = through if plan.heading is None else displacements[-1]
+        through, duration = plan.displacement(ordered, float(dives["duration"][-1])), plan.duration
         if plan.heading is not None:
             spread, scale = planned_scatter(displacements, through), 1.0
     coming = _predict_cycle(

@@ -161,6 +161,31 @@ def test_the_ellipse_of_a_glider_that_turns_at_every_dive_contains_its_turns(nam
     assert np.mean(np.array(found) <= chi_square_quantile(0.68, 2)) > 0.5
 
 
+@pytest.mark.parametrize("name", ["two courses in turn", "four courses in turn"])
+def test_courses_steered_in_turn_are_predicted(name):
+    """While a dive like the last one was expected, the median miss was persistence's, and all misses were alike."""
+    flown = [mission(seed, 13, ordered=EVERY_DIVE[name]) for seed in range(20)]
+    found = [misses(one, after) for one in flown for after in (6, 12)]
+    nowcast, persistence = (
+        np.median([miss[each] for miss, _ in found]) for each in ("with tidal lines", "persistence")
+    )
+    assert nowcast < 0.4 * persistence
+    assert 0.5 < np.mean([each["with tidal lines"] <= chi_square_quantile(0.68, 2) for _, each in found]) < 0.9
+
+
+def test_a_planned_heading_does_not_shorten_the_dive_of_a_glider_on_any_course():
+    """The mean of displacements in all directions is short; the next dive is as long as the last one."""
+    table = mission(3, 12, ordered=EVERY_DIVE["random courses"]).table
+    found = [
+        predict_from(table, ERRORS.fix_error, ERRORS.surface_shear, plan=DivePlan(heading=heading))
+        for heading in (0.0, 180.0)
+    ]
+    north, south = (Fix(each.time, each.latitude, each.longitude) for each in found)
+    last = table.isel(profile=-1)
+    length = np.hypot(float(last["displacement_north"]), float(last["displacement_east"]))
+    np.testing.assert_allclose(local_displacement(south, north), [2.0 * length, 0.0], atol=0.01 * length)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
