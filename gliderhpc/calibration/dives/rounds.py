@@ -3,6 +3,10 @@
 The rounds start from the trim fitted to the steady glides. In each round every profile is smoothed with the present
 hull, which gives the score and the information on the errors of hull and records. Their sum over the mission
 (`gliderhpc.mission_hull.estimate`) gives the next hull. The rounds end when the hull no longer changes.
+
+Rounded angles, actuators that do not lag as in the model, and noise unlike the prior's change the scores of all
+profiles in the same direction, and more profiles do not average them out. The information is therefore reduced by the
+variance of such errors (`inflation_ratios`, `with_inflated_variance`).
 """
 
 import logging
@@ -16,8 +20,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.calibration.changes import DiveInformation
-from gliderhpc.calibration.dives.common_errors import inflation_ratios, with_inflated_variance
-from gliderhpc.calibration.settings import CalibrateSettings
+from gliderhpc.calibration.glides.segment_errors import LATERAL
+from gliderhpc.calibration.settings import CalibrateSettings, RoundSettings
 from gliderhpc.errors import CalibrationError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentErrors
 from gliderhpc.estimation.currents import current_from_displacement
@@ -31,7 +35,7 @@ from gliderhpc.estimation.smoother.iterate import run_smoother
 from gliderhpc.estimation.smoother.noise import noise_sums
 from gliderhpc.estimation.smoother.posterior import displacement_with_errors
 from gliderhpc.flight.glider import Glider
-from gliderhpc.flight.hull_parameters import HullParameter, moved_platform
+from gliderhpc.flight.hull_parameters import ACTUATOR_LAG, HullParameter, moved_platform
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.mission.executors import Executor
 from gliderhpc.mission_hull.estimate import HullPrior, MissionHull, ProfileTerm, predicted_disagreement, solve_mission
@@ -55,6 +59,24 @@ _PRIOR_WEIGHT = 1.0
 """Weight of the prior's noise in the pooled factor, as an equivalent number of resolved values."""
 _NO_OTHER_ERRORS = CurrentErrors(axial_error=0.0, relative_error=0.0, heading_error=0.0, cross_track_error=0.0)
 """Error terms of a current, except the hull's and the compass's, which are unknowns of the sum."""
+
+TURNING_MOTION = (
+    *LATERAL,
+    "viscous.K_p",
+    "viscous.K_delta",
+    "added_mass.1",
+    "added_inertia.0",
+    "added_inertia.2",
+    ACTUATOR_LAG,
+)
+"""Keys of the terms of sway, roll and yaw, and of the actuators' lag. Errors that all profiles have in common affect
+them most: where the water turns the glider, their score is computed about the path of a filter (`information_path`)."""
+
+_SINGULAR = 1e-12
+"""Ratio to the largest eigenvalue below which a combination of the errors has no information."""
+
+
+# One profile
 
 
 @dataclass(frozen=True)
@@ -168,6 +190,47 @@ def _current(
     return ProfileCurrent(current.velocity, sensitivity / current.drift.elapsed, current.covariance)
 
 
+# Errors that all profiles have in common
+
+
+def inflation_ratios(parameters: Sequence[HullParameter], profiles: int, settings: RoundSettings) -> Array:
+    """Ratio ``(p, p)`` of the variance of the summed score to the sum of the stated variances, by pairs of parameters.
+
+    Notes
+    -----
+    Let the variance of the errors that all profiles have in common be ``misfit`` times the stated variance of one
+    profile, and larger by ``turning_misfit`` times it among the terms of sway, roll, yaw and the actuators' lag. The
+    sum of the scores of ``n`` profiles then has ``1 + n misfit`` times its stated variance. With any number of
+    profiles, the hull is determined no better than these errors allow.
+    """
+    turning = np.isin([parameter.key for parameter in parameters], TURNING_MOTION)
+    both_turning = np.outer(turning, turning)
+    return np.asarray(1.0 + profiles * (settings.misfit + settings.turning_misfit * both_turning))
+
+
+def with_inflated_variance(score: Array, information: Array, ratios: Array) -> tuple[Array, Array]:
+    """Score and information of a profile, reduced by the variance of errors that all profiles have in common.
+
+    Parameters
+    ----------
+    score, information : (p,), (p, p)
+        Score ``g`` and information ``I`` of the profile.
+    ratios : (p, p)
+        Ratios of `inflation_ratios`.
+
+    Notes
+    -----
+    Let ``V`` be the information times the ratios, entry by entry. A score ``g = I eta + e`` whose error has the
+    variance ``V`` gives ``I V^-1 g`` and ``I V^-1 I``. For one ratio ``d`` these are ``g / d`` and ``I / d``.
+    """
+    gain = information @ np.linalg.pinv(information * ratios, rcond=_SINGULAR, hermitian=True)
+    reduced = gain @ information
+    return np.asarray(gain @ score), np.asarray(0.5 * (reduced + reduced.T))
+
+
+# Rounds over the profiles
+
+
 @dataclass(frozen=True, eq=False)
 class HullRounds:
     """Result of the rounds.
@@ -258,14 +321,6 @@ class CalibrationRounds:
         Settings of the smoother, of the rounds and of the turn test.
     executor : Executor
         Executor that smooths the profiles.
-
-    Notes
-    -----
-    Errors of the model (rounding, lags that differ among the actuators, the assumed noise) change the scores of all
-    profiles in the same way. Let their variance be ``misfit`` times the stated variance of one profile. The sum of the
-    scores of ``n`` profiles then has ``1 + misfit n`` times its stated variance, and their information is divided by
-    this factor; that on the terms of sway, roll and yaw by a larger one (`with_inflated_variance`). With any number of
-    profiles, the hull is determined no better than these errors allow.
     """
 
     def __init__(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gliderhpc import load_platform
-from gliderhpc.calibration.dives.common_errors import TURNING_MOTION, inflation_ratios, with_inflated_variance
+from gliderhpc.calibration.dives.rounds import TURNING_MOTION, inflation_ratios, with_inflated_variance
 from gliderhpc.calibration.settings import RoundSettings
 from gliderhpc.flight.hull_parameters import hull_parameters
 
