@@ -21,7 +21,7 @@ from gliderhpc.estimation.windows import misfit
 from gliderhpc.findings.formatting import markdown
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.planning import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -31,9 +31,8 @@ from gliderhpc import load_platform
 from gliderhpc.findings.formatting import markdown, number
 from gliderhpc.findings.results import write_json
 from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import run_mission
+from gliderhpc.mission.planning import prepare_mission
+from gliderhpc.mission.run import Existing, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.report.studies.drift_tables import table_5, table_5_text

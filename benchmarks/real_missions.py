@@ -28,7 +28,7 @@ from gliderhpc import load_platform, open_mission
 from gliderhpc.calibration.estimated_hulls import CalibratedHull
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.planning import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -15,7 +15,7 @@ from benchmarks.windows import PLATFORM, SEED, settings_of, twin_series
 from gliderhpc import Glider, load_platform
 from gliderhpc.mission.executors import Executor, local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.planning import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

@@ -13,7 +13,7 @@ from benchmarks.command_line import positional
 from gliderhpc import load_platform, open_mission
 from gliderhpc.mission.executors import local_executor
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.planning import prepare_mission
 from gliderhpc.mission.run import run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations

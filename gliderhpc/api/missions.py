@@ -16,8 +16,8 @@ from gliderhpc.errors import InputError
 from gliderhpc.mission import run
 from gliderhpc.mission.cluster import ClusterAddress, FileNotSharedError
 from gliderhpc.mission.executors import Progress, no_progress
-from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.prepared import PreparedMission, prepare_mission
+from gliderhpc.mission.planning import PreparedMission, prepare_mission
+from gliderhpc.mission.run import Existing
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations

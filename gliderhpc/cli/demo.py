@@ -20,10 +20,9 @@ from gliderhpc.errors import InputError
 from gliderhpc.findings.results import write_findings
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.executors import Executor, local_executor, warm_estimation
-from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import MissionResult, run_mission
+from gliderhpc.mission.planning import prepare_mission
+from gliderhpc.mission.run import Existing, MissionResult, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import compile_in_background, is_compiled, warm_simulator
 from gliderhpc.observations import open_observations

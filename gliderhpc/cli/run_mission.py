@@ -18,10 +18,9 @@ from gliderhpc.cli.console import PRINTED, logging_to, progress, results
 from gliderhpc.cli.messages import Verb, echo, warn, with_options
 from gliderhpc.flight.glider import load_platform
 from gliderhpc.mission.cluster import ClusterAddress
-from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.planning import prepare_mission
 from gliderhpc.mission.profile_rows import Row
-from gliderhpc.mission.run import MissionResult
+from gliderhpc.mission.run import Existing, MissionResult
 from gliderhpc.mission.settings import build_settings, parse_assignments
 from gliderhpc.observations import Observations, open_observations
 from gliderhpc.observations.profile_numbers import as_ranges

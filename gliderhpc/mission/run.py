@@ -5,25 +5,24 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
 
 from gliderhpc.archive.mission import open_mission
-from gliderhpc.errors import ProfileError
+from gliderhpc.errors import InputError, ProfileError
 from gliderhpc.estimation.engines import check_engine
 from gliderhpc.estimation.preparation import check_seawater
 from gliderhpc.estimation.quality import SLOPE_BIAS, USUALLY_CONVERGED
 from gliderhpc.estimation.settings import smoother_passes
 from gliderhpc.mission.executors import Executor, OpenExecutor
-from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.jobs import ProfileResult, RunInputs, profile_results, run_batch
 from gliderhpc.mission.local_workers import default_workers
 from gliderhpc.mission.lock import locked
-from gliderhpc.mission.planning import MissionPlan, plan_mission
-from gliderhpc.mission.prepared import PreparedMission
+from gliderhpc.mission.planning import MissionPlan, PreparedMission, plan_mission
 from gliderhpc.mission.profile_rows import Row
 from gliderhpc.mission.resume import MISSING, Validity, examine_archive, prepare_archive
 from gliderhpc.mission.settings import MissionSettings
@@ -48,6 +47,40 @@ _SETTINGS_OF_SEVERAL_PASSES = ("tolerance", "adaptive", "estimate")
 
 _MIN_PROFILES_TO_TUNE = 3
 """Minimum number of profiles for advice on the disturbance prior."""
+
+
+class Existing(Enum):
+    """Treatment of an existing archive; without one, a new archive is always created."""
+
+    REFUSE = "refuse"
+    """Refuse to run."""
+    OVERWRITE = "overwrite"
+    """Replace the archive."""
+    RESUME = "resume"
+    """Finish the archive, and recompute damaged profiles and those of other inputs."""
+    APPEND = "append"
+    """Finish the archive, and add profiles that are new in the observations."""
+
+    @classmethod
+    def of(cls, *, overwrite: bool, resume: bool, append: bool) -> Self:
+        """Return the treatment that the user's options choose.
+
+        Raises
+        ------
+        InputError
+            More than one is set.
+        """
+        chosen = [name for name, given in (("overwrite", overwrite), ("resume", resume), ("append", append)) if given]
+        if len(chosen) > 1:
+            raise InputError(
+                "`overwrite=True`, `resume=True` and `append=True` are mutually exclusive; give one of them"
+            )
+        return cls(chosen[0] if chosen else "refuse")
+
+    @property
+    def continues(self) -> bool:
+        """Return whether results of the archive are retained."""
+        return self in (Existing.RESUME, Existing.APPEND)
 
 
 @dataclass
@@ -124,8 +157,13 @@ def run_mission(
         # The archive is changed only once an executor is available, and closed only after the last writer has ended.
         with ExitStack() as contexts, executor() if task.outstanding else nullcontext() as opened:
             on_commit = contexts.enter_context(task.open_archive(token))
+
+            def on_profile(profile: ProfileResult) -> None:
+                on_commit()
+                on_result(profile)
+
             if opened is not None:
-                _execute(opened, run, token, task, result, _notify_both(on_commit, on_result))
+                _execute(opened, run, token, task, result, on_profile)
                 # A killed worker may have left a partly written file; its profiles were completed by another worker.
                 remove_partial_files(store)
             consolidate(store)
@@ -268,16 +306,6 @@ def _resume(
     """Prepare an existing archive, which remains even if the run fails."""
     prepare_archive(run, attributes, plan, validity, append)
     yield lambda: None
-
-
-def _notify_both(
-    on_commit: Callable[[], None], on_result: Callable[[ProfileResult], None]
-) -> Callable[[ProfileResult], None]:
-    def notify(result: ProfileResult) -> None:
-        on_commit()
-        on_result(result)
-
-    return notify
 
 
 def _log_result(result: ProfileResult) -> None:

@@ -9,9 +9,8 @@ from functools import partial
 from gliderhpc.api.workers import executor_of
 from gliderhpc.errors import InputError
 from gliderhpc.mission.executors import Executor
-from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import run_mission
+from gliderhpc.mission.planning import prepare_mission
+from gliderhpc.mission.run import Existing, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.mission.warm import warm_kernels
 from gliderhpc.observations import Observations

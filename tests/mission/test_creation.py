@@ -12,9 +12,8 @@ from benchmarks.clusters import start_program, wait_until
 from gliderhpc.errors import InputError
 from gliderhpc.mission import cluster, lock
 from gliderhpc.mission.executors import SerialExecutor
-from gliderhpc.mission.existing import Existing
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import run_mission
+from gliderhpc.mission.planning import prepare_mission
+from gliderhpc.mission.run import Existing, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform

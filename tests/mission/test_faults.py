@@ -25,10 +25,9 @@ from gliderhpc.errors import InputError, RunStoppedError
 from gliderhpc.mission import cluster as clusters
 from gliderhpc.mission.cluster import ClusterAddress, cluster_executor
 from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.lock import lock_name
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import run_mission
+from gliderhpc.mission.planning import prepare_mission
+from gliderhpc.mission.run import Existing, run_mission
 from gliderhpc.mission.settings import MissionSettings
 from gliderhpc.observations import open_observations
 from gliderhpc.platform import read_platform

@@ -36,12 +36,10 @@ from gliderhpc.flight.hull_parameters import with_covariance
 from gliderhpc.kernels.elementwise import LANES
 from gliderhpc.mission import jobs
 from gliderhpc.mission.executors import SerialExecutor, local_executor
-from gliderhpc.mission.existing import Existing
 from gliderhpc.mission.jobs import MAX_BATCH, batch_sizes
 from gliderhpc.mission.local_workers import default_workers
-from gliderhpc.mission.planning import plan_mission
-from gliderhpc.mission.prepared import prepare_mission
-from gliderhpc.mission.run import MissionResult, _advise_to_tune, _warn_about_unused_settings, run_mission
+from gliderhpc.mission.planning import plan_mission, prepare_mission
+from gliderhpc.mission.run import Existing, MissionResult, _advise_to_tune, _warn_about_unused_settings, run_mission
 from gliderhpc.mission.settings import MissionSettings, build_settings, parse_assignments
 from gliderhpc.observations import Fix, open_observations
 from gliderhpc.observations.profile_numbers import as_ranges, select_profiles

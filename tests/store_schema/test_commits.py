@@ -229,9 +229,8 @@ def test_the_table_is_true_of_what_is_pending(own_copy, swift):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    from gliderhpc.mission.existing import Existing
-    from gliderhpc.mission.prepared import prepare_mission
-    from gliderhpc.mission.run import run_mission
+    from gliderhpc.mission.planning import prepare_mission
+    from gliderhpc.mission.run import Existing, run_mission
     from gliderhpc.mission.settings import MissionSettings
     from gliderhpc.observations import open_observations
     from gliderhpc.platform import read_platform

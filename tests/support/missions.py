@@ -18,7 +18,7 @@ from gliderhpc.estimation.resample import on_steps
 from gliderhpc.estimation.settings import EstimationSettings
 from gliderhpc.flight.glider import Glider, load_platform
 from gliderhpc.mission.executors import local_executor
-from gliderhpc.mission.prepared import prepare_mission
+from gliderhpc.mission.planning import prepare_mission
 from gliderhpc.mission.run import MissionResult, run_mission
 from gliderhpc.mission.settings import build_settings
 from gliderhpc.observations import ProfileSeries, open_observations
