@@ -9,10 +9,9 @@ from gliderhpc.archive.mission import describe, open_for_reading
 from gliderhpc.findings.formatting import with_deviation
 from gliderhpc.platform import read_platform
 from gliderhpc.report.page import operator_summary as module
-from gliderhpc.report.page.anomalies import common_remarks
 from gliderhpc.report.page.content import Facts, Notice, Remarks
 from gliderhpc.report.page.mission_table import MissionTable
-from gliderhpc.report.page.operator_summary import operator_section
+from gliderhpc.report.page.operator_summary import common_remarks, operator_section
 from gliderhpc.report.page.surfacing_page import dive_facts, hull_blocks
 from gliderhpc.studies.hull import MissionTerms
 from gliderhpc.surfacing import recent_hull as recent_hull_module

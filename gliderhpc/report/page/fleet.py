@@ -12,7 +12,6 @@ from pathlib import Path
 from urllib.parse import quote
 
 from gliderhpc.errors import InputError
-from gliderhpc.report.page.anomalies import POORLY_CONVERGED
 from gliderhpc.report.page.content import (
     Block,
     Commands,
@@ -27,6 +26,7 @@ from gliderhpc.report.page.content import (
 from gliderhpc.report.page.fleet_map import fleet_map
 from gliderhpc.report.page.fleet_rows import MissionState, read_state
 from gliderhpc.report.page.mission_page import MISSION_PAGE, footer, write_mission_page
+from gliderhpc.report.page.operator_summary import POORLY_CONVERGED
 from gliderhpc.report.page.rendering import ReportFiles, check_outside_archives, write_page
 from gliderhpc.store_schema.location import Location, absolute, is_address
 from gliderhpc.surfacing.next_surfacing import PROBABILITY

@@ -13,10 +13,10 @@ from gliderhpc.archive.reader import Archive
 from gliderhpc.findings.formatting import iso_instant, polar
 from gliderhpc.observations.fixes import midpoint
 from gliderhpc.observations.regions import wrapped_longitude
-from gliderhpc.report.page.anomalies import profile_anomalies
 from gliderhpc.report.page.content import Row
 from gliderhpc.report.page.fleet_map import Array, FleetTrack
 from gliderhpc.report.page.mission_table import MissionTable, last_current
+from gliderhpc.report.page.operator_summary import profile_anomalies
 from gliderhpc.report.studies import studies_in
 from gliderhpc.report.studies.hull import StoredChange, stored_changes
 from gliderhpc.store_schema.location import Location
