@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.command_line import positional
 from benchmarks.sections import section_of, with_section
 from gliderhpc import Glider, load_platform
-from gliderhpc.calibration.glides.fit import Calibration, CalibrationVerdict, calibrate
+from gliderhpc.calibration.glides.fit import CalibrationVerdict, GlideCalibration, calibrate_on_glides
 from gliderhpc.calibration.glides.segment_errors import choose_buoyancy
 from gliderhpc.calibration.glides.text import SCORES, figures, interval_text, remark_of
 from gliderhpc.calibration.settings import CalibrateSettings
@@ -47,7 +47,7 @@ class Twin:
     """Hull drawn about the platform's, and the result of its calibration."""
 
     truth: Platform
-    found: Calibration
+    found: GlideCalibration
 
     def verdict(self, key: str) -> CalibrationVerdict:
         """Outcome of a parameter."""
@@ -107,7 +107,9 @@ def twin(seed: int, pitches: tuple[float, float] = PITCHES, profiles: int = PROF
             # A hull that cannot fly this scenario is no twin.
             continue
         apart = flown.profile % HELD_OUT == 0
-        return Twin(truth, calibrate(platform, flown.select(~apart), flown.select(apart), SETTINGS.calibration))
+        return Twin(
+            truth, calibrate_on_glides(platform, flown.select(~apart), flown.select(apart), SETTINGS.calibration)
+        )
 
 
 def coverage(twins: Sequence[Twin]) -> str:
@@ -177,7 +179,7 @@ def real(label: str) -> list[str]:
         taken, _ = profiles_to_read(opened, None, None, SETTINGS)
         parts = split_segments(steady_segments(opened, platform, taken, SETTINGS, SETTINGS.steady), None)
     platform, *parts = choose_buoyancy(platform, *parts, SETTINGS.seawater)
-    found = calibrate(platform, *parts, SETTINGS.calibration)
+    found = calibrate_on_glides(platform, *parts, SETTINGS.calibration)
     rows = [
         [f"{kind}, {when}", str(score.segments), str(len(score.profiles)), *figures(values)]
         for kind, score in (("fitted", found.fitted), ("held out", found.held_out))

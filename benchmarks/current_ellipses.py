@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.calibration import HELD_OUT, PITCHES, PLATFORM, PROFILES, SETTINGS, draw_hull
 from gliderhpc import Glider, load_platform
-from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.fit import calibrate_on_glides
 from gliderhpc.errors import GliderhpcError, ProfileError
 from gliderhpc.estimation.current_errors import CurrentSettings, Drift, current_uncertainty
 from gliderhpc.estimation.currents import current_from_displacement, cycles_of, depth_averaged_current
@@ -99,7 +99,7 @@ def calibrated(platform: Platform, truth: Platform, offsets: Mapping[str, float]
         parts.append(segments_of(on_steps(record, SETTINGS), platform, SETTINGS.steady))
     flown = join_segments(parts)
     apart = flown.profile % HELD_OUT == 0
-    return calibrate(platform, flown.select(~apart), flown.select(apart), SETTINGS.calibration).platform
+    return calibrate_on_glides(platform, flown.select(~apart), flown.select(apart), SETTINGS.calibration).platform
 
 
 def dives(

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from gliderhpc.calibration.dives import text as dives_text
-from gliderhpc.calibration.dives.fit import ProfileCalibration
+from gliderhpc.calibration.dives.fit import DiveCalibration
 from gliderhpc.calibration.glides import text as glides_text
-from gliderhpc.calibration.glides.fit import Calibration
+from gliderhpc.calibration.glides.fit import GlideCalibration
 from gliderhpc.calibration.glides.score import Score
 from gliderhpc.calibration.prior import text as prior_text
 from gliderhpc.calibration.prior.fit import TunedPrior, TuneSettings
@@ -148,11 +148,11 @@ class HullFromGlides(CalibratedHull):
 
     Attributes
     ----------
-    calibration : Calibration
+    calibration : GlideCalibration
         Calibration on the steady glides.
     """
 
-    calibration: Calibration
+    calibration: GlideCalibration
 
     @property
     def table(self) -> pd.DataFrame:
@@ -206,11 +206,11 @@ class HullFromDives(CalibratedHull):
 
     Attributes
     ----------
-    dives : ProfileCalibration
+    dives : DiveCalibration
         Calibration on the dives.
     """
 
-    dives: ProfileCalibration
+    dives: DiveCalibration
 
     @property
     def table(self) -> pd.DataFrame:

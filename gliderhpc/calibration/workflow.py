@@ -8,10 +8,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gliderhpc.calibration.changes import DiveInformation, find_change
-from gliderhpc.calibration.dives.fit import ProfileCalibrationInputs, calibrate_on_profiles
+from gliderhpc.calibration.dives.fit import DiveCalibrationInputs, calibrate_on_dives
 from gliderhpc.calibration.estimated_hulls import CalibratedHull, HullFromDives, HullFromGlides, TunedHull
-from gliderhpc.calibration.glides.fit import calibrate as fit
-from gliderhpc.calibration.glides.fit import fit_trim
+from gliderhpc.calibration.glides.fit import calibrate_on_glides, fit_trim
 from gliderhpc.calibration.glides.measured_polar import with_measured_polar
 from gliderhpc.calibration.glides.segment_errors import MIN_PROFILES, choose_buoyancy, keys_of, steady_parameters
 from gliderhpc.calibration.prior import text as prior_text
@@ -70,7 +69,7 @@ def calibrate_open(
     """
     with threadpool_limits(limits=1):
         platform, segments, held_out = _read_segments(inputs)
-    calibrated = _calibrated(inputs, platform, segments, held_out, executor, progress)
+    calibrated = _calibrate_on_dives_or_glides(inputs, platform, segments, held_out, executor, progress)
     if platform.calibration is not None:
         calibrated = replace(calibrated, caution=CALIBRATED_BEFORE)
     observations = inputs.observations
@@ -96,7 +95,7 @@ def _has_velocity(segments: SteadySegments) -> bool:
     return bool(np.isfinite(segments.velocity).any())
 
 
-def _calibrated(
+def _calibrate_on_dives_or_glides(
     inputs: CalibrationInputs,
     platform: Platform,
     segments: SteadySegments,
@@ -113,10 +112,8 @@ def _calibrated(
             with threadpool_limits(limits=1):
                 base, start = _before_rounds(platform, segments, settings)
         if rounds > 0:
-            dives = calibrate_on_profiles(
-                ProfileCalibrationInputs(
-                    inputs.observations, platform, base, start, segments, held_out, settings, rounds
-                ),
+            dives = calibrate_on_dives(
+                DiveCalibrationInputs(inputs.observations, platform, base, start, segments, held_out, settings, rounds),
                 executor,
                 progress,
             )
@@ -125,7 +122,7 @@ def _calibrated(
         failure = f"fit of the steady glides alone, since the dives did not give a better hull: {error}"
         log.warning(failure)
     with threadpool_limits(limits=1):
-        steady = fit(base, segments, held_out, settings.calibration, log.info)
+        steady = calibrate_on_glides(base, segments, held_out, settings.calibration, log.info)
     hull = with_deviations_of(platform, steady.platform)
     return _with_change(HullFromGlides(platform=hull, calibration=steady, failure=failure), steady.information)
 

@@ -15,7 +15,7 @@ from gliderhpc.calibration.estimated_hulls import (
     write_history,
     write_platform,
 )
-from gliderhpc.calibration.glides.fit import Calibration
+from gliderhpc.calibration.glides.fit import GlideCalibration
 from gliderhpc.calibration.glides.text import (
     DIRECTIONS,
     PARAMETERS,
@@ -158,7 +158,7 @@ def _tables(calibrated: CalibratedHull) -> list[Table]:
     return _glide_tables(calibrated.calibration)
 
 
-def _glide_tables(steady: Calibration) -> list[Table]:
+def _glide_tables(steady: GlideCalibration) -> list[Table]:
     return [
         table("parameters, with 95 % intervals", parameter_rows(steady), PARAMETERS, ("parameter", "unit", "remark")),
         table(

@@ -10,7 +10,7 @@ from support.missions import changed_observations, estimate, profile_series, pro
 
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
-from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.fit import calibrate_on_glides
 from gliderhpc.calibration.glides.segment_errors import choose_buoyancy
 from gliderhpc.calibration.settings import CalibrationSettings
 from gliderhpc.errors import InputError, ProfileError
@@ -512,7 +512,7 @@ def test_calibration_finds_neutral_volume_and_compressibility(ocean_segments):
     )
     free = {"buoyancy.neutral_volume", "buoyancy.compressibility", "viscous.K_D0"}
     hold = tuple(p.key for p in PARAMETERS_BY_DENSITY if p.key not in free)
-    found = calibrate(wrong, ocean_segments, ocean_segments.empty(), CalibrationSettings(hold=hold))
+    found = calibrate_on_glides(wrong, ocean_segments, ocean_segments.empty(), CalibrationSettings(hold=hold))
     values = {p.parameter.key: p for p in found.parameters}
     assert "buoyancy.depth_slope" not in values
     assert found.platform.buoyancy.neutral_volume == pytest.approx(PETREL.buoyancy.neutral_volume, abs=8.0)

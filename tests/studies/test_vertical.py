@@ -17,7 +17,7 @@ from support.shown import check_figure_follows, check_shown_as_left, shown_after
 
 from gliderhpc.archive.mission import open_mission
 from gliderhpc.archive.profile import read_profile_data
-from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.fit import calibrate_on_glides
 from gliderhpc.calibration.glides.search import CalibrationVerdict
 from gliderhpc.calibration.settings import CalibrateSettings
 from gliderhpc.errors import InputError
@@ -224,7 +224,7 @@ def waves(tmp_path_factory):
     settings = CalibrateSettings()
     with open_observations(path) as opened:
         segments = steady_segments(opened, PETREL, range(1, 9), settings, settings.steady)
-    return path, calibrate(PETREL, segments, segments.empty(), settings.calibration)
+    return path, calibrate_on_glides(PETREL, segments, segments.empty(), settings.calibration)
 
 
 def velocities(path, store, platform, number):

@@ -39,7 +39,7 @@ _MIN_PROBABILITY = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class ProfileCalibration:
+class DiveCalibration:
     """Calibration on whole profiles.
 
     Attributes
@@ -62,7 +62,7 @@ class ProfileCalibration:
 
 
 @dataclass(frozen=True, eq=False)
-class ProfileCalibrationInputs:
+class DiveCalibrationInputs:
     """Inputs of a calibration on whole profiles.
 
     Attributes
@@ -95,14 +95,14 @@ class ProfileCalibrationInputs:
         return np.unique(self.segments.profile).tolist(), np.unique(self.held_out.profile).tolist()
 
 
-def calibrate_on_profiles(
-    inputs: ProfileCalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
-) -> ProfileCalibration:
+def calibrate_on_dives(
+    inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress = no_progress
+) -> DiveCalibration:
     """Calibrate on the profiles that have steady segments.
 
     Parameters
     ----------
-    inputs : ProfileCalibrationInputs
+    inputs : DiveCalibrationInputs
         Records, hulls and settings.
     executor, progress : callable
         Functions that open the executor for the profiles and the progress display.
@@ -123,10 +123,10 @@ def calibrate_on_profiles(
     errors = errors_in_units(rounds.base, rounds.parameters, rounds.errors.mean, rounds.errors.covariance)
     hull = with_deviations_of(inputs.platform, with_covariance(rounds.platform, errors))
     fitted, held_out = _score_on_glides(inputs, hull)
-    return ProfileCalibration(hull, rounds, fitted, held_out, inputs.settings.rounds.tolerance)
+    return DiveCalibration(hull, rounds, fitted, held_out, inputs.settings.rounds.tolerance)
 
 
-def _run_rounds(inputs: ProfileCalibrationInputs, executor: OpenExecutor, progress: Progress) -> HullRounds:
+def _run_rounds(inputs: DiveCalibrationInputs, executor: OpenExecutor, progress: Progress) -> HullRounds:
     """Estimate the hull in rounds over the profiles."""
     base, settings = inputs.base, inputs.settings
     # If the rudder moved, its coefficient is stated explicitly, which makes it one of the hull's parameters.
@@ -149,7 +149,7 @@ def _run_rounds(inputs: ProfileCalibrationInputs, executor: OpenExecutor, progre
         return rounds.run(inputs.start, inputs.rounds, advance)
 
 
-def _score_on_glides(inputs: ProfileCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
+def _score_on_glides(inputs: DiveCalibrationInputs, hull: Platform) -> tuple[Score, Score]:
     """Score a hull on the steady glides of the fitted and of the held-out profiles.
 
     Raises

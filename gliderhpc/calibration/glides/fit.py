@@ -1,7 +1,7 @@
 """Calibration of the trim, drag and lateral terms that a hull's own steady glides determine.
 
-`calibrate` fits all of them; `fit_trim` fits buoyancy, drag and trim in pitch, the start of the rounds over the
-profiles.
+`calibrate_on_glides` fits all of them; `fit_trim` fits buoyancy, drag and trim in pitch, from which the rounds over
+whole dives start.
 """
 
 import math
@@ -95,7 +95,7 @@ class CalibratedParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class GlideCalibration:
     """A calibrated hull.
 
     Attributes
@@ -129,13 +129,13 @@ class Calibration:
     left_out: tuple[DisagreeingProfile, ...] = ()
 
 
-def calibrate(
+def calibrate_on_glides(
     platform: Platform,
     segments: SteadySegments,
     held_out: SteadySegments,
     settings: CalibrationSettings,
     report: Callable[[str], None] = lambda _: None,
-) -> Calibration:
+) -> GlideCalibration:
     """Fit a hull's parameters to the balance of its steady glides.
 
     The method is nonlinear least squares with the robust loss ``2 (sqrt(1 + z) - 1)`` on the errors of
@@ -190,7 +190,7 @@ def calibrate(
     )
     steps = np.array([p.steps for p in parameters])
     hull = with_covariance(hull, _errors_in_file(errors, steps, covariance))
-    calibration = Calibration(
+    calibration = GlideCalibration(
         hull,
         parameters,
         estimated,
@@ -312,7 +312,7 @@ def _check_glides(hull: Platform) -> None:
         )
 
 
-def _check_improved(calibration: Calibration, search: CalibrationSearch) -> None:
+def _check_improved(calibration: GlideCalibration, search: CalibrationSearch) -> None:
     """Refuse a fit whose cost increased, or whose errors are clearly larger than those of the original platform."""
     if _is_worse(search):
         before, after = _costs(search)

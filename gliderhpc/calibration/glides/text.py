@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gliderhpc.calibration.glides.fit import CalibratedParameter, Calibration
+from gliderhpc.calibration.glides.fit import CalibratedParameter, GlideCalibration
 from gliderhpc.calibration.glides.score import Score
 from gliderhpc.calibration.glides.search import FIRST_SCALES, CalibrationVerdict
 from gliderhpc.calibration.glides.segment_errors import LATERAL
@@ -57,7 +57,7 @@ _HELD = {
 }
 
 
-def parameter_rows(calibration: Calibration) -> list[tuple[str, ...]]:
+def parameter_rows(calibration: GlideCalibration) -> list[tuple[str, ...]]:
     """Return the rows of the table of parameters; *scatter* is the share of the interval due to profile scatter."""
     return [
         (p.parameter.key, p.parameter.unit, f"{p.before:.5g}", f"{p.after:.5g}", interval_text(p),
@@ -66,7 +66,7 @@ def parameter_rows(calibration: Calibration) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def direction_rows(calibration: Calibration) -> list[tuple[str, ...]]:
+def direction_rows(calibration: GlideCalibration) -> list[tuple[str, ...]]:
     """Return the rows of the table of directions: singular value, and the main parameters of the direction."""
     keys = [p.parameter.key for p in calibration.parameters if p.verdict is CalibrationVerdict.ESTIMATED]
     rows: list[tuple[str, ...]] = []
@@ -87,7 +87,7 @@ def score_rows(fitted: Score, held_out: Score) -> list[tuple[str, ...]]:
     ]
 
 
-def notes(calibration: Calibration) -> list[str]:
+def notes(calibration: GlideCalibration) -> list[str]:
     """Return remarks that supplement the tables, without the warnings."""
     lines = [describe_fitted_profiles(calibration)]
     if calibration.left_out:
@@ -106,7 +106,7 @@ def notes(calibration: Calibration) -> list[str]:
     return [*lines, *score_notes(calibration.fitted, calibration.held_out)]
 
 
-def warnings(calibration: Calibration) -> list[str]:
+def warnings(calibration: GlideCalibration) -> list[str]:
     """Return warnings about errors of the balance that have grown, or that remain."""
     grown = [
         f"at the profiles {selection}, the {name} is in error by {after} {heading.partition(', ')[2]}, and by "
@@ -153,7 +153,7 @@ def score_notes(fitted: Score, held_out: Score) -> list[str]:
     return lines
 
 
-def provenance(calibration: Calibration, observations: str, digest: str, assignments: Sequence[str]) -> str:
+def provenance(calibration: GlideCalibration, observations: str, digest: str, assignments: Sequence[str]) -> str:
     """Describe the calibration for the platform file: data, profiles, overrides, parameters and errors."""
     sentences = [
         describe_origin("Calibrated by `gliderhpc calibrate`", observations, digest, assignments),
@@ -174,7 +174,7 @@ def describe_origin(command: str, observations: str, digest: str, assignments: S
     return f"{command} {__version__} on {observations} (sha256 {digest[:12]}){overrides}"
 
 
-def describe_fitted_profiles(calibration: Calibration) -> str:
+def describe_fitted_profiles(calibration: GlideCalibration) -> str:
     """Describe the fitted and the held-out profiles."""
     held_out = f"; held out {_numbers(calibration.held_out)}" if calibration.held_out.segments else ""
     return f"fitted on {_numbers(calibration.fitted)}{held_out}"

@@ -145,7 +145,7 @@ def test_rounds_that_find_no_better_hull_leave_the_steady_glides(records, monkey
     def fail(*_, **__):
         raise gh.CalibrationError("calibration: worse")
 
-    monkeypatch.setattr("gliderhpc.calibration.workflow.calibrate_on_profiles", fail)
+    monkeypatch.setattr("gliderhpc.calibration.workflow.calibrate_on_dives", fail)
     found = gh.calibrate(records, "petrel-l", hold_out=4, workers=0, **ROUNDS)
     assert isinstance(found, HullFromGlides)
     assert found.notes[-1].startswith("fit of the steady glides alone, since the dives did not give a better")

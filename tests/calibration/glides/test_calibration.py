@@ -14,7 +14,7 @@ from gliderhpc import load_platform
 from gliderhpc.api import hulls
 from gliderhpc.calibration import workflow
 from gliderhpc.calibration.glides import fit as fit_module
-from gliderhpc.calibration.glides.fit import TRIM, CalibrationVerdict, calibrate, fit_trim
+from gliderhpc.calibration.glides.fit import TRIM, CalibrationVerdict, calibrate_on_glides, fit_trim
 from gliderhpc.calibration.glides.score import NO_ERRORS, Errors, Score, check_errors, score_of
 from gliderhpc.calibration.glides.search import (
     PARAMETER_BOUND,
@@ -364,7 +364,9 @@ def test_the_stated_neutral_volume_allows_for_an_offset_of_the_pitch():
     """An offset of the pitch of one degree moves the fit by about the amount stated in the platform file."""
     segments = glides(TRUTH, PETREL)
     offset = replace(segments, pitch=segments.pitch + math.radians(1.0))
-    straight, off = (calibrate(PETREL, each, each.empty(), CalibrationSettings()) for each in (segments, offset))
+    straight, off = (
+        calibrate_on_glides(PETREL, each, each.empty(), CalibrationSettings()) for each in (segments, offset)
+    )
     moved = off.platform.buoyancy.neutral_volume - straight.platform.buoyancy.neutral_volume
     stated = straight.platform.calibration
     names = list(stated.parameters)
@@ -393,7 +395,7 @@ def test_the_stated_pitch_moment_allows_for_an_error_of_the_added_mass():
     given = with_values(PETREL, {"added_mass.2": 1.1 * PETREL.added_mass[2]})
     hold = ("K_D", "K_L", "K_M0", "position.reservoir.0", "depth_slope")
     segments = glides(TRUTH, PETREL)
-    found = calibrate(given, segments, segments.empty(), CalibrationSettings(hold=hold)).platform
+    found = calibrate_on_glides(given, segments, segments.empty(), CalibrationSettings(hold=hold)).platform
     stated = found.calibration
     moment, mass = (list(stated.parameters).index(key) for key in ("viscous.K_M", "added_mass.2"))
     excess = given.added_mass[2] - PETREL.added_mass[2]
@@ -421,7 +423,7 @@ TRUTH = with_values(
 def test_exact_glides_give_the_exact_hull():
     hold = ("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope")
     segments = glides(TRUTH, PETREL)
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings(hold=hold))
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings(hold=hold))
     for parameter in found.parameters:
         key = parameter.parameter.key
         if key in ("buoyancy.neutral_volume", "viscous.K_D0", "position.hull.2", "position.battery"):
@@ -452,7 +454,7 @@ def test_the_lift_can_be_fitted_with_the_drag_held():
     truth = with_values(PETREL, {"viscous.K_L": 380.0})
     segments = glides(truth, PETREL)
     hold = ("K_D0", "K_D", "K_M", "K_M0", "position.reservoir.0", "depth_slope", "neutral_volume")
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings(hold=hold))
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings(hold=hold))
     lift = next(p for p in found.parameters if p.parameter.key == "viscous.K_L")
     assert lift.verdict is CalibrationVerdict.ESTIMATED
     assert lift.after == pytest.approx(380.0, rel=1e-3)
@@ -461,13 +463,13 @@ def test_the_lift_can_be_fitted_with_the_drag_held():
 @pytest.mark.long
 def test_a_trend_of_the_neutral_volume_is_found_where_asked():
     segments = glides(TRUTH, PETREL, trend=3.0)
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings(trend=True))
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings(trend=True))
     trend = next(p for p in found.parameters if p.parameter is TREND)
     assert trend.verdict is CalibrationVerdict.ESTIMATED
     # The reservoir's trim drifts with the volume in these glides, but is taken out in them.
     assert trend.after == pytest.approx(3.0, rel=0.02)
     assert found.reference_time == np.datetime64("2024-01-26", "ns")
-    unasked = calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
+    unasked = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings())
     assert not any(p.parameter is TREND for p in unasked.parameters)
 
 
@@ -477,7 +479,7 @@ def test_a_false_segment_in_twenty_does_not_move_the_fit():
     rate[::20] *= 1.5
     pitch[::20] *= 1.2
     settings = CalibrationSettings(hold=("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope"))
-    found = calibrate(PETREL, replace(segments, depth_rate=rate, pitch=pitch), segments.empty(), settings)
+    found = calibrate_on_glides(PETREL, replace(segments, depth_rate=rate, pitch=pitch), segments.empty(), settings)
     volume = next(p for p in found.parameters if p.parameter.key == "buoyancy.neutral_volume")
     assert volume.after == pytest.approx(640.0, abs=5.0)
 
@@ -487,7 +489,7 @@ def test_a_parameter_that_reaches_its_bound_is_held_there():
     """A battery zero 12.5 cm off: back at the platform's, the worst value known, it would spoil every other number."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.125})
     segments = glides(truth, PETREL)
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings())
     verdicts = {p.parameter.key: p.verdict for p in found.parameters}
     assert verdicts["position.battery"] is CalibrationVerdict.IMPLAUSIBLE
     assert found.platform.position.battery == pytest.approx(PETREL.position.battery - 0.12)
@@ -502,7 +504,7 @@ def test_an_error_that_nothing_explains_is_named():
     """A battery zero 40 cm off is a wrong zero or unit of the actuator, not a hull."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.4})
     segments = glides(truth, PETREL)
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings())
     stated = warnings(found)
     assert not any("hardly balances" in line for line in stated)
     grown = replace(found.held_out, segments=9, errors_before=Errors(np.full(4, 0.01), np.full(4, 0.01)),
@@ -521,7 +523,7 @@ def test_a_hull_three_plausible_deviations_off_is_fitted(key, steps):
     """Whatever is held on the way, the remaining errors are small, and never larger than at the start."""
     parameter = next(p for p in PARAMETERS if p.key == key)
     segments = glides(with_values(TRUTH, {key: parameter.moved(PETREL, steps)}), PETREL)
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings())
     assert found.fitted.after[0] < 0.005
     np.testing.assert_array_less(found.fitted.after[1:3], math.radians(0.5))
 
@@ -532,7 +534,7 @@ def test_parameters_whose_platform_value_is_refuted_are_held_elsewhere():
     truth = with_values(PETREL, {reservoir.key: reservoir.moved(PETREL, 3.0)})
     segments = glides(truth, PETREL, pitches=(23.0,))
     hold = tuple(key for key in KEYS if key not in ("position.reservoir.0", "viscous.K_M0", "viscous.K_M"))
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings(hold=hold, undetermined=0.001))
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings(hold=hold, undetermined=0.001))
     refuted = [p for p in found.parameters if p.verdict is CalibrationVerdict.REFUTED]
     assert refuted
     assert all(abs(p.steps) > 0.1 and p.after != p.before and math.isnan(p.interval[0]) for p in refuted)
@@ -614,14 +616,14 @@ def test_a_fit_that_is_worse_than_its_start_is_refused(monkeypatch):
     segments = glides(TRUTH, PETREL)
     shift_result(monkeypatch, "position.battery", 4.0)
     with pytest.raises(CalibrationError, match=r"no fit is better than the platform \(cost"):
-        calibrate(PETREL, segments, segments.empty(), EASY)
+        calibrate_on_glides(PETREL, segments, segments.empty(), EASY)
 
 
 def test_a_hull_that_does_worse_on_the_profiles_held_out_is_refused():
     """The profiles held out were flown with another hull, the platform's own."""
     truth = with_values(PETREL, {"position.battery": PETREL.position.battery - 0.05})
     with pytest.raises(CalibrationError, match="error of pitch than the platform on the profiles held out"):
-        calibrate(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
+        calibrate_on_glides(PETREL, glides(truth, PETREL), glides(PETREL, PETREL), EASY)
 
 
 def test_one_segment_that_hardly_balances_does_not_decide():
@@ -663,12 +665,12 @@ def test_a_hull_without_stable_glides_is_fitted_again_with_the_lateral_terms_hel
     monkeypatch.setattr(fit_module, "glides_stably", lambda _: next(stable))
     segments = glides(TRUTH, PETREL)
     free = CalibrationSettings(hold=tuple(key for key in EASY.hold if key not in fit_module.LATERAL))
-    found = calibrate(PETREL, segments, segments.empty(), free)
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), free)
     held = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.UNSTABLE]
     assert held == ["viscous.K_beta", "viscous.K_MR", "viscous.K_MY", "viscous.K_r"]
     monkeypatch.setattr(fit_module, "glides_stably", lambda _: False)
     with pytest.raises(CalibrationError, match="no stable dive and climb, even with the lateral terms held"):
-        calibrate(PETREL, segments, segments.empty(), EASY)
+        calibrate_on_glides(PETREL, segments, segments.empty(), EASY)
 
 
 @pytest.mark.parametrize("better", [True, False])
@@ -678,7 +680,7 @@ def test_a_fit_that_knows_less_than_the_platform_is_repeated_with_the_lateral_te
     monkeypatch.setattr(fit_module, "is_better_held", lambda *_: better)
     segments = glides(TRUTH, PETREL)
     free = CalibrationSettings(hold=tuple(key for key in EASY.hold if key not in fit_module.LATERAL))
-    found = calibrate(PETREL, segments, segments.empty(), free)
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), free)
     held = [p.parameter.key for p in found.parameters if p.verdict is CalibrationVerdict.CONFOUNDED]
     assert held == (list(fit_module.LATERAL) if better else [])
 
@@ -711,7 +713,7 @@ def test_a_key_counts_the_numbers_of_a_list_from_zero():
 def test_too_few_profiles_are_refused():
     segments = glides(TRUTH, PETREL, profiles=2)
     with pytest.raises(InputError, match="steady flight in 2 profiles apart from those held out, but at least 3"):
-        calibrate(PETREL, segments, segments.empty(), CalibrationSettings())
+        calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings())
 
 
 def test_segments_are_joined_in_order():
@@ -860,7 +862,7 @@ def test_a_profile_held_out_without_steady_flight_does_not_stop_the_others(missi
 )
 def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, monkeypatch, values, fragment):
     """A file that the next command refuses must not come with exit status 0."""
-    found = calibrate(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
+    found = calibrate_on_glides(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     corrupted = replace(found, platform=with_values(found.platform, values))
     monkeypatch.setattr(workflow, "fit", lambda *_: corrupted)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)

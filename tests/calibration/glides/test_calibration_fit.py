@@ -11,7 +11,7 @@ from support.steady_glides import glides
 from gliderhpc.calibration.glides import covariance
 from gliderhpc.calibration.glides import fit as fit_module
 from gliderhpc.calibration.glides.covariance import is_better_held, reason_to_hold
-from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.fit import calibrate_on_glides
 from gliderhpc.calibration.glides.search import CalibrationVerdict
 from gliderhpc.calibration.glides.segment_errors import LATERAL, TURNING, SegmentErrors
 from gliderhpc.calibration.settings import CalibrationSettings
@@ -52,7 +52,7 @@ def test_water_that_turns_the_glider_does_not_move_its_drag(monkeypatch):
     monkeypatch.setattr(fit_module, "is_better_held", lambda *_: True)
     settings = CalibrationSettings(hold=("K_D", "K_L", "K_M", "K_M0", "position.reservoir.0", "depth_slope"))
     calm = glides(TRUTH, PETREL)
-    found = calibrate(PETREL, turned(calm), calm.empty(), settings)
+    found = calibrate_on_glides(PETREL, turned(calm), calm.empty(), settings)
     of = {p.parameter.key: p for p in found.parameters}
     assert of["viscous.K_D0"].after == pytest.approx(10.0, rel=0.02)
     assert of["buoyancy.neutral_volume"].after == pytest.approx(640.0, abs=5.0)

@@ -8,7 +8,7 @@ import pytest
 from support.steady_glides import glides
 
 from gliderhpc.calibration.glides.disagreeing_profiles import disagreeing_profiles
-from gliderhpc.calibration.glides.fit import calibrate
+from gliderhpc.calibration.glides.fit import calibrate_on_glides
 from gliderhpc.calibration.glides.segment_errors import SegmentErrors
 from gliderhpc.calibration.glides.text import notes
 from gliderhpc.calibration.settings import CalibrationSettings
@@ -72,7 +72,7 @@ def test_calm_profiles_of_a_wrong_hull_agree():
 def test_a_storm_does_not_move_the_hull_of_the_other_dives():
     segments = stormy(glides(TRUTH, PETREL, profiles=9), (4, 7, 8))
     lines = []
-    found = calibrate(PETREL, segments, segments.empty(), CalibrationSettings(hold=HOLD), lines.append)
+    found = calibrate_on_glides(PETREL, segments, segments.empty(), CalibrationSettings(hold=HOLD), lines.append)
     after = {p.parameter.key: p.after for p in found.parameters}
     assert after["buoyancy.neutral_volume"] == pytest.approx(640.0, abs=2.0)
     assert after["viscous.K_D0"] == pytest.approx(10.0, rel=0.01)
