@@ -161,9 +161,9 @@ def calibrate_and_tune(
     try:
         second = calibrate_open(replace(inputs, platform=with_prior), executor, progress)
     except CalibrationError as error:
-        return _without_prior(first, f"with it no hull was found ({error})")
+        return _without_prior(first, f"no hull was found with it ({error})")
     if isinstance(first, HullFromDives) and not isinstance(second, HullFromDives):
-        return _without_prior(first, f"with it the dives gave no hull ({second.failure})")
+        return _without_prior(first, f"the dives gave no hull with it ({second.failure})")
     used = prior_text.used_text(list(tuned.profiles), tuning)
     source = f"{second.platform.source} Disturbance prior tuned on {used} with the hull of a first calibration."
     return _with_source(second, source)

@@ -65,13 +65,13 @@ SUMMARIES = {
     "import": "Convert an instrument's files into an observation file.",
     "currents": "Estimate currents from attitude, depth and fixes alone.",
     "watch": "Invert and report every new dive as its files arrive.",
-    "export": "Write a mission's results in another format.",
+    "export": "Write a mission's results as OG1 or currents.",
     "twin": "Compare estimates with the truth of simulated missions.",
     "platforms": "List the hulls, or show one with its steady glides.",
-    "inspect": "Check records for errors of sensors and clocks.",
-    "calibrate": "Fit a hull's trim and drag to its steady glides.",
+    "inspect": "Check records for sensor and clock errors.",
+    "calibrate": "Estimate a hull's parameters from its own dives.",
     "tune": "Estimate the prior of the disturbances from records.",
-    "validate": "Compare the open-loop flight model with records.",
+    "validate": "Compare the open-loop flight model with the records.",
     "analyze": "Run one or all studies on a finished mission.",
     "report": "Write one or several missions as HTML pages.",
     "check": "Check that an archive is complete and undamaged.",
@@ -79,7 +79,7 @@ SUMMARIES = {
     "info": "Summarise an archive.",
     "demo": "Simulate, invert, study and report on a mission.",
     "doctor": "Check the requirements of a run on this machine.",
-    "completion": "Print the completion script of a shell.",
+    "completion": "Print the completion script for a shell.",
 }
 """Summary of each verb, defined here to list the verbs without importing their modules."""
 
@@ -182,7 +182,7 @@ def program() -> None:
 @click.command("completion", cls=Verb)
 @click.argument("shell", type=click.Choice(SHELLS))
 def completion(shell: str) -> int:
-    """Print the completion script of SHELL.
+    """Print the completion script for SHELL.
 
     \b
     Examples:

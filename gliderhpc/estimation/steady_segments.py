@@ -166,7 +166,7 @@ def steady_segments(
     for number, reason in reasons.items():
         log.warning("profile %d is left out: %s", number, reason)
     if allow_flatter and segments and (missing := _phases_without(segments)):
-        log.warning("no steady flight on %s: a hull fitted to the rest may be far off there", missing[0])
+        log.warning("no steady flight on %s: a hull fitted to the rest may be badly wrong there", missing[0])
     if not segments:
         reason = most_frequent_reason(reasons.values() or ["no profile was selected"])
         raise InputError(f"{observations.path}: no steady flight to calibrate on; {reason}")

@@ -310,6 +310,6 @@ def _failure(glider: Glider, depths: FloatArray, scenario: Scenario, plan: Fligh
             "choose a smaller depth, a larger actuation.dive_net_mass or weaker disturbances"
         )
     return (
-        f"{glider.platform.name} is not back at the surface after {minutes:.0f} minutes; "
+        f"{glider.platform.name} does not return to the surface within {minutes:.0f} minutes; "
         "give actuation.climb_net_mass a larger magnitude or weaken the disturbances"
     )

@@ -106,7 +106,7 @@ def archive_on_disk(store: str | Path) -> Path:
     """
     check_is_path(store)
     if is_address(store):
-        raise InputError(f"{store}: studies require the archive on a disk; copy it from the object store first")
+        raise InputError(f"{store}: studies require the archive on a local disk; copy it from the object store first")
     path = Path(store)
     # `.` and `..` have no name, from which the folder of the results is named.
     return path if path.stem.strip(".") else path.resolve()

@@ -95,8 +95,8 @@ def implausible_warning(steps: Mapping[str, float]) -> str:
         return ""
     return (
         f"too far from the platform file to be values of the hull, in plausible deviations: {far}; something "
-        "else has the same effect in every dive, so do not ballast or trim by these values; changes during the mission "
-        "remain valid"
+        "else has the same effect in every dive, so do not use these values for ballasting or trim; changes during "
+        "the mission remain valid"
     )
 
 
@@ -187,7 +187,7 @@ def size_text(p: HullParameter, first: float, total: float, std: float) -> str:
     return f"{with_deviation(total, std)} {p.unit}"
 
 
-MUST_BE_CONFIRMED = "only the last dive shows it, which is often an effect of the water; the next must confirm it"
+MUST_BE_CONFIRMED = "only the last dive shows it, which is often an effect of the water; the next dive must confirm it"
 """Remark on a change that begins with the last dive."""
 
 
@@ -205,7 +205,7 @@ def joint_sentence(joint: JointHullChange, *, named: bool, last: int) -> str:
     """
     subject, probability = "hull as a whole", f"(probability {joint.probability:.3f})"
     if joint.probability < POSSIBLE:
-        return f"{subject}: no change shown (probability {joint.probability:.2f})"
+        return f"{subject}: no change detected (probability {joint.probability:.2f})"
     if named:
         return f"{subject}: changed {joint.course} {probability}, as found for single parameters"
     possibly = "" if joint.probability >= PROBABLE else " possibly"

@@ -151,7 +151,7 @@ class Watch:
             except ArchiveInUseError as error:
                 if waiting != str(error):
                     waiting = str(error)
-                    log.warning("%s; the new dives wait", waiting)
+                    log.warning("%s; the new dives are added once that run has ended", waiting)
             if files != before:
                 self._warn_if_no_file()
             before = files

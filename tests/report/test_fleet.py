@@ -112,7 +112,7 @@ def test_rows_are_those_of_the_message_of_the_last_surfacing(fleet, archives):
         assert f"{message.current.speed:.3f} m/s towards" in text
         assert f"± {message.current.ellipse.major:.3f} by {message.current.ellipse.minor:.3f}" in text
     assert "not studied" in text
-    assert "drag at zero angle of attack: too few dives to show a change" in text
+    assert "drag at zero angle of attack: too few dives to detect a change" in text
     assert "no study was run" in text
 
 
@@ -184,7 +184,7 @@ def test_failed_and_poorly_converged_profiles_are_anomalies(swift_store, tmp_pat
     state = read_state(store)
     assert state.anomalies == (
         "profile 2 failed: the record <ends> early", "less than 80% of the windows converged in profile 3",
-        "no current of profile 3", "no study was run",
+        "no current for profile 3", "no study was run",
     )  # fmt: skip
     assert state.cells["dives"] == ("2 done", "1 failed")
     assert (state.current_of, state.water_of) == (1, 3)

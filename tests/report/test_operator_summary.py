@@ -98,7 +98,7 @@ def test_a_trim_that_is_too_far_is_not_to_be_ballasted_by(heavier):
     assert {one.parameter for one in message.trim} >= set(_MOVED)
     (warning,) = (block for block in hull_blocks(message) if isinstance(block, Notice))
     assert "sensors.pitch_offset" in warning.text
-    assert "do not ballast" in warning.text
+    assert "do not use these values for ballasting" in warning.text
     assert warning.text == message.hull_warning
     assert message.hull_warning.startswith("too far from the platform file")  # The page puts "Attention" before it.
     near = message.model_copy(update={"hull_warning": ""})
@@ -148,7 +148,7 @@ def test_a_changed_hull_and_an_unsmoothed_dive_are_listed_as_anomalies(brief_sto
     assert anomalies.texts[:3] == (
         "lift: changed since profile 2, by −130 ± 20 kg/m (probability 0.97)",
         "lift: possibly changed since profile 2, by −130 ± 20 kg/m (probability 0.90)",
-        "the smoother has no estimate of profile 2",
+        "the smoother has no estimate for profile 2",
     )
 
 

@@ -357,7 +357,7 @@ def test_default_net_masses_fight_the_depth_slope(petrel):
                 "actuation": {"climb_net_mass": -0.05},
                 "disturbances": {"slow_rms": (1.0, 0, 0, 0, 0, 0), "slow_periods": (1e6, 1e6)},
             },
-            "not back at the surface after",
+            "does not return to the surface within",
         ),
         ({"disturbances": {"slow_rms": (0, 0, 0, 0, 1e9, 0)}}, "loses stable flight"),
     ],

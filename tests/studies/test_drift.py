@@ -445,7 +445,7 @@ def test_growth_and_single_profiles_are_no_change_points():
     few = changed(9)[1]
     assert few.found == ()
     assert change_lines(few, 1.0) == (
-        "no step, ramp or episode of drag or axial force is named: too few profiles, a quick study, or none that is "
+        "no step, ramp or episode of drag or axial force is reported: too few profiles, a quick study, or none that is "
         "large enough",
     )
 

@@ -102,7 +102,7 @@ def test_the_verdict_names_a_change_of_the_moments():
     found = find_drift(table, HULL, DriftSettings(resamples=200), changes=Changes(p=0.5), moments=moments)
     lines = verdict_lines(found.verdict, found.trends, 0.5)
     assert lines[0].startswith("verdict: a step of the rolling moment (from profile 8 on, dives and climbs); in addi")
-    assert lines[1] == "no step, ramp or episode of drag or axial force is shown (p 0.500)"
+    assert lines[1] == "no step, ramp or episode of drag or axial force was detected (p 0.500)"
     assert "rolling moment: +0.3" in lines[2]
     assert "these records do not prove a cause" in lines[-1]
     assert found.verdict.as_json(0.5)["moment_changes"]["found"][0]["moment"] == "rolling moment"

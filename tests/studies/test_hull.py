@@ -74,7 +74,8 @@ def test_values_are_those_of_the_sum_in_the_units_of_the_platform_file():
 
 
 @pytest.mark.parametrize(
-    ("probability", "words"), [(0.79, "no change shown"), (0.9, "possibly changed"), (0.96, "calibrate those before")]
+    ("probability", "words"),
+    [(0.79, "no change detected"), (0.9, "possibly changed"), (0.96, "calibrate those before")],
 )
 def test_a_change_is_named_as_certain_possible_or_not_shown(probability, words):
     mission, content = summed_up(dives(6, {}))
@@ -88,12 +89,12 @@ def test_a_change_that_only_the_last_dive_shows_has_to_be_confirmed():
     content.variables["change_probability"][:] = 0.97
     content.variables["onset"][:] = 6
     lines = shown_hull.verdict_lines(history_of(mission, content))
-    assert all(line.endswith("the next must confirm it") and "calibrate" not in line for line in lines)
+    assert all(line.endswith("the next dive must confirm it") and "calibrate" not in line for line in lines)
     joint = content.attributes[JOINT]
     joint |= {"probability": 0.97, "onset": 6}
     content.variables["change_probability"][:] = 0.1
     (line,) = shown_hull.joint_lines(history_of(mission, content))
-    assert line.endswith("the next must confirm it")
+    assert line.endswith("the next dive must confirm it")
 
 
 def test_a_roll_that_changes_is_named_as_a_change_of_the_hull():
@@ -104,7 +105,7 @@ def test_a_roll_that_changes_is_named_as_a_change_of_the_hull():
     history = history_of(mission, content)
     lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
     assert lines.pop(roll_trim.key).startswith("roll trim (hull's mass to starboard): changed abruptly at profile 19")
-    assert all("no change shown" in line for line in lines.values())
+    assert all("no change detected" in line for line in lines.values())
 
 
 def test_dives_without_information_on_the_roll_cannot_show_its_change():
@@ -120,7 +121,7 @@ def test_dives_without_information_on_the_roll_cannot_show_its_change():
     assert lines.pop("position.hull.1") == (
         "roll trim (hull's mass to starboard): the dives cannot show a change (probability 0.50)"
     )
-    assert all("no change shown" in line for line in lines.values())
+    assert all("no change detected" in line for line in lines.values())
 
 
 def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
@@ -132,7 +133,7 @@ def test_fouling_is_named_with_its_onset_and_the_rest_is_not():
     assert lines["viscous.K_D0"].startswith("drag at zero angle of attack: changed gradually from profile")
     others = [line for key, line in lines.items() if key != "viscous.K_D0"]
     assert len(others) == 4
-    assert all("no change shown" in line for line in others)
+    assert all("no change detected" in line for line in others)
     change = history.change("viscous.K_D0")
     assert change["onset_low"] <= 14 <= change["onset_high"]
     truth = HULL.viscous.K_D0 * (np.exp(0.4 * 0.6) - 1.0)
@@ -152,7 +153,7 @@ def test_the_hull_as_a_whole_is_named_as_changed_possibly_changed_or_not():
     """The sentence names the combination unless single parameters are found."""
     mission, content = summed_up(dives(8, {}))
     (line,) = shown_hull.joint_lines(history_of(mission, content))
-    assert line.startswith("hull as a whole: no change shown (probability 0.")
+    assert line.startswith("hull as a whole: no change detected (probability 0.")
     joint = content.attributes[JOINT]
     assert {part["parameter"] for part in joint["parts"]} == {mission.parameters[i].key for i in mission.suspects}
     joint |= {"probability": 0.9, "onset": 5, "onset_low": 3, "onset_high": 6, "step_probability": 0.2}
@@ -224,7 +225,7 @@ def test_a_value_no_hull_has_is_warned_of():
     mission, content = summed_up(dives(8, {"sensors.pitch_scale": np.full(8, -4.0)}, information=3e3))
     (line,) = shown_hull.implausible_lines(shown_hull.parameter_table(history_of(mission, content)))
     assert "sensors.pitch_scale by -4.0" in line
-    assert "do not ballast" in line
+    assert "do not use these values for ballasting" in line
     usual, content = summed_up(dives(8, {}, information=3e3))
     assert shown_hull.implausible_lines(shown_hull.parameter_table(history_of(usual, content))) == ()
 
@@ -295,7 +296,7 @@ def studied(brief_store, tmp_path_factory):
 def test_the_program_studies_a_mission(brief_store, studied):
     store, answer = studied
     assert answer.status == 0, answer.err
-    assert "too few dives to show a change" in answer.out + answer.err
+    assert "too few dives to detect a change" in answer.out + answer.err
     assert check_archive(store) == []
     assert damaged_chunks(store) == []
     with xr.open_datatree(store, engine="zarr") as tree, xr.open_datatree(brief_store, engine="zarr") as before:

@@ -374,7 +374,7 @@ def test_an_archive_in_an_object_store_is_to_be_copied_first(words, brief):
     place = (brief, "--store", address) if words[0] == "validate" else (address,)
     answer = program(words[0], *place, *words[1:])
     assert answer.status == 2
-    assert answer.line.startswith(f"gliderhpc: {address}: studies require the archive on a disk")
+    assert answer.line.startswith(f"gliderhpc: {address}: studies require the archive on a local disk")
 
 
 def test_python_refuses_an_archive_in_an_object_store_too(brief):

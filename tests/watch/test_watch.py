@@ -453,7 +453,10 @@ def test_new_dives_wait_while_another_run_writes_the_archive(dives, tmp_path, ca
     with open_watch(watched, reports.listener()) as opened, pytest.raises(StoppedError):
         opened.forever(5.0, sleep)
     assert looks == [0, 0, 0, 0, 1]
-    assert sum("the new dives wait" in record.getMessage() for record in caplog.records) == 1
+    waits = [
+        record for record in caplog.records if "the new dives are added once that run has ended" in record.getMessage()
+    ]
+    assert len(waits) == 1
 
 
 def test_a_second_watch_of_the_same_folder_is_refused_and_changes_nothing(dives, tmp_path):

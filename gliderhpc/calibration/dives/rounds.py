@@ -152,7 +152,7 @@ def smoothed_profile(job: SmoothingJob) -> SmoothedProfile:
         smoothed = run_smoother(profile, filtered, job.settings, job.noise_factor)
     time = record.epoch + np.timedelta64(round(500.0 * float(record.time[0] + record.time[-1])), "ms")
     if smoothed.last_pass is None or not smoothed.outcome.usable:
-        reason = smoothed.failure or f"the smoother ended as {smoothed.outcome.label}"
+        reason = smoothed.failure or f"the smoother failed ({smoothed.outcome.label})"
         return SmoothedProfile(job.number, time, message=reason)
     hull = smoothed_hull_information(profile, smoothed, smoothed.last_pass, job.settings)
     if not hull.is_sound:
@@ -395,7 +395,7 @@ class CalibrationRounds:
     def _log_round(self, number: int, move: Array, mission: MissionHull) -> None:
         largest = int(np.abs(move).argmax())
         log.info(
-            "round %d: %d profiles, %s moved by %+.2f plausible deviations, inflation %.2f, log evidence %.1f",
+            "round %d: %d profiles, %s changed by %+.2f plausible deviations, inflation %.2f, log evidence %.1f",
             number, len(mission.numbers), self._parameters[largest].key, move[largest], mission.inflation,
             mission.log_evidence,
         )  # fmt: skip

@@ -127,7 +127,7 @@ def warnings(rounds: HullRounds, tolerance: float) -> list[str]:
     """Return a warning if the rounds ended before the hull that fits the profiles best was reached."""
     ahead = float(np.abs(rounds.full_step).max())
     if rounds.moves[-1] >= tolerance:
-        return ["the hull still moved in the last round; allow more rounds with `rounds.most`"]
+        return ["the hull was still changing in the last round; allow more rounds with `rounds.most`"]
     if ahead >= tolerance:
         return [
             f"the rounds ended {ahead:.1f} plausible deviations from the hull that fits the profiles best, which has "

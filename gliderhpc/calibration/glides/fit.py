@@ -239,7 +239,7 @@ def _fit(
     held = Fit(separate, _search_from_best_start(separate, rest, start, settings, report), start)
     if is_better_held(reason, fit, held):
         return held, reason
-    report("with the lateral terms held, the turns do not fit or less is determined: the first fit is used")
+    report("with the lateral terms held, the turns fit worse or fewer parameters are determined: the first fit is used")
     return fit, None
 
 

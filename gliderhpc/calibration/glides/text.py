@@ -93,8 +93,8 @@ def notes(calibration: GlideCalibration) -> list[str]:
     if calibration.left_out:
         profiles = "; ".join(f"profile {profile.number} ({profile.reason})" for profile in calibration.left_out)
         lines.append(
-            f"left out of the fit, since no hull fits them and the others: {profiles}; look there for disturbed water, "
-            "a change of the hull or faults of the records"
+            f"left out of the fit, since no single hull fits both them and the others: {profiles}; check these for "
+            "rough water, a change of the hull or faulty records"
         )
     if any(p.parameter is TREND for p in calibration.parameters):
         lines.append(f"the neutral volume is that at {np.datetime_as_string(calibration.reference_time, unit='m')} UTC")
@@ -129,8 +129,8 @@ def score_warnings(fitted: Score) -> list[str]:
     """Return a warning for each error of the balance that is still too large, on steady glides or on whole dives."""
     return [
         f"the {name} is still in error by {value} {heading.partition(', ')[2]} at the profiles fitted: "
-        "a parameter that is not fitted is wrong, or a fitted one is implausibly wrong; check the zeros of "
-        "the actuators, signs and units"
+        "a parameter that is not fitted is wrong, or a fitted one is wrong by more than is plausible; check the "
+        "zeros of the actuators, signs and units"
         for name, heading, value, after in zip(
             QUANTITIES, SCORES[2:], figures(fitted.after), fitted.after / UNEXPLAINED, strict=True
         )

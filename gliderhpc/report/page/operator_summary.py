@@ -63,7 +63,7 @@ def operator_section(archive: Archive, summary: Summary) -> PageSection:
 def _remarks(anomalies: Sequence[str]) -> tuple[Remarks | Paragraph]:
     if anomalies:
         return (Remarks(tuple(anomalies), "Anomalies in this mission"),)
-    return (Paragraph("Every profile was estimated without remark."),)
+    return (Paragraph("No anomalies: every profile was estimated without a remark."),)
 
 
 def _changed_hull(message: SurfacingMessage) -> Iterator[str]:
@@ -93,7 +93,7 @@ def _drift(archive: Archive) -> Iterator[str]:
 def _unsmoothed(archive: Archive, table: MissionTable) -> Iterator[str]:
     """Yield a sentence on the estimated profiles without a smoothed estimate, in which something unusual happened."""
     if SMOOTHED in archive.children and (without := filter_fallbacks(archive, table.number[table.done].tolist())):
-        yield f"the smoother has no estimate of {name_profiles(without)}"
+        yield f"the smoother has no estimate for {name_profiles(without)}"
 
 
 def _mission_current(table: MissionTable) -> dict[str, str]:
@@ -145,7 +145,7 @@ def profile_anomalies(summary: Summary, table: MissionTable) -> Iterator[str]:
         yield f"less than {POORLY_CONVERGED:.0%} of the windows converged in {name_profiles(poor)}"
     unknown = table.number[table.done & ~table.with_current].tolist()
     if unknown:
-        yield f"no current of {name_profiles(unknown)}"
+        yield f"no current for {name_profiles(unknown)}"
 
 
 def common_remarks(summary: Summary, table: MissionTable) -> Iterator[str]:

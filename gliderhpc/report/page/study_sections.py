@@ -84,7 +84,7 @@ def _absent(name: str, archive: Archive, command: str) -> list[Block]:
     # A group that the mission writes and a study extends has this attribute only after the study has begun.
     if name in archive.children and COMPLETE in archive[name].attrs:
         return [Notice("this study was interrupted, so its results are not shown", "warning"), _rerun(command)]
-    return [Commands("The archive does not hold this study. To run it:", (command,))]
+    return [Commands("This study is not in the archive. To run it:", (command,))]
 
 
 def _rerun(command: str) -> Commands:

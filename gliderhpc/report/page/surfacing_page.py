@@ -116,7 +116,7 @@ def _anomalies(message: SurfacingMessage) -> tuple[Block, ...]:
 def _hull_changes(message: SurfacingMessage) -> tuple[Block, ...]:
     if not message.hull_changes:
         return (
-            Paragraph("No change of the hull can be stated: this needs at least four dives with information on it."),
+            Paragraph("Changes of the hull: not known yet; at least four dives with information on it are needed."),
         )
     rows = {
         change.meaning: f"changed with probability {change.probability:.2f}; if so, since dive {change.since} by "

@@ -173,16 +173,16 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     change = history.change(p.key)
     probability = change["change_probability"]
     if not np.isfinite(probability):
-        return f"{p.meaning}: too few dives to show a change"
+        return f"{p.meaning}: too few dives to detect a change"
     if probability < POSSIBLE:
-        shown = "no change shown" if _is_judged(history, p) else "the dives cannot show a change"
+        shown = "no change detected" if _is_judged(history, p) else "the dives cannot show a change"
         return f"{p.meaning}: {shown} (probability {probability:.2f})"
     low, high = sorted((change["onset_low"], change["onset_high"]))
     form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
     size = size_text(p, float(history.series("estimate", p.key)[0]), change["change_total"], change["change_total_std"])
     course = f"{form} profile {change['onset']:.0f} ({low:.0f} to {high:.0f}), by {size}"
     if probability < PROBABLE:
-        return f"{p.meaning}: possibly changed {course} (probability {probability:.2f}); more dives can settle it"
+        return f"{p.meaning}: possibly changed {course} (probability {probability:.2f}); more dives can confirm it"
     if change["onset"] >= _last_dive(history):
         return f"{p.meaning}: changed {course} (probability {probability:.3f}); {MUST_BE_CONFIRMED}"
     return (

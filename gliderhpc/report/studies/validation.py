@@ -52,7 +52,7 @@ SHOWN = 2
 PAUSE = 0.25
 """Longest interval shown between profiles, hours; dives may be days apart."""
 
-_HOURS = f"hours, pauses shown as at most {PAUSE:g}"
+_HOURS = f"hours, breaks shortened to {PAUSE:g}"
 
 
 def figure_1(archive: Archive, table: pd.DataFrame, trend: Trend) -> Figure:

@@ -146,7 +146,7 @@ class DepthRateCheck:
                 f"{_cm(self.dive, self.dive_std)} on dives and {_cm(self.climb, self.climb_std)} on climbs, as where "
                 "water moves vertically or its density is not that of the model; the depth rate varies by "
                 f"{within} more than the hull explains; the profiles' information was divided by {self.divisor:.0f}, "
-                "which widens the intervals until the two agree; do not ballast or trim by these values"
+                "which widens the intervals until the two agree; do not use these values for ballasting or trim"
             )
         if self.motion > MOVING:
             return (

@@ -178,7 +178,7 @@ def test_the_command_writes_platform_and_history(records, tmp_path):
     assert (tmp_path / "hull.csv").read_text().startswith("profile,time,parameter,unit,estimate,")
     assert "sensors.pitch_offset" in gh.load_platform(tmp_path / "hull.yaml").calibration.parameters
     assert "held-out dives" in done.out
-    assert "\nwarning: the hull still moved in the last round" in done.out
+    assert "\nwarning: the hull was still changing in the last round" in done.out
 
 
 def test_hulls_with_fast_sensors_have_rounds_by_default():

@@ -48,11 +48,11 @@ def no_change_text(changes: Changes, searched: str) -> str:
     """Describe a search that found nothing, or that was not made."""
     if changes.p != changes.p:
         return (
-            f"no step, ramp or episode of {searched} is named: too few profiles, a quick study, or none that is large "
-            "enough"
+            f"no step, ramp or episode of {searched} is reported: too few profiles, a quick study, or none that is "
+            "large enough"
         )
     strongest = f"; the most probable is {changes.next}" if changes.next else ""
-    return f"no step, ramp or episode of {searched} is shown (p {number(changes.p)}){strongest}"
+    return f"no step, ramp or episode of {searched} was detected (p {number(changes.p)}){strongest}"
 
 
 def describe_change(change: Change, reference: float) -> str:

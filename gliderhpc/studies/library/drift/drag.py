@@ -42,7 +42,7 @@ EXTRA = " and more"
 """Ending of a cause if dive and climb also drift apart."""
 
 CAUSES = {
-    "none": "no drift of the drag is shown",
+    "none": "no drift of the drag was detected",
     "drag": "the drag grows on dive and climb alike: compatible with fouling (growth, or a rougher hull)",
     "less drag": "the drag falls on dive and climb alike: compatible with growth that comes off, or another trim",
     "drag and more": (
