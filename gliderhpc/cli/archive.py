@@ -125,12 +125,13 @@ def _messages(summary: Summary, shown: int | None) -> Table:
 @click.argument("archive", type=options.PLACE)
 @click.option("--deep", is_flag=True, help="Also compare every chunk with the digest recorded when it was written.")
 def check(archive: Location, deep: bool) -> int:
-    """Compare ARCHIVE with the schema: groups, dimensions, variables, types, units, chunks, coordinates.
+    """Check that ARCHIVE is complete and undamaged.
 
-    It also looks for missing chunks, and compares the tables with the commits of the profiles. Exit status 1: there are
-    differences, each reported in one line. With --deep every chunk is read; one that was truncated, deleted or changed
-    is reported by profile and variable, with the command that repairs it. Of an archive of another minor version of the
-    schema only the chunks of its profiles are checked.
+    Groups, dimensions, variables, types, units, chunks and coordinates are compared with the schema, and the tables
+    with what was recorded when each profile was completed; missing chunks are reported. With --deep every chunk is
+    read; one that was truncated, deleted or changed is reported by profile and variable, with the command that repairs
+    it. In an archive with another minor version of the schema, only the chunks of the profiles are checked. Exit status
+    1: something differs; each difference is reported in one line.
 
     \b
     Examples:

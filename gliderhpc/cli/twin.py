@@ -66,7 +66,7 @@ def twin() -> None:
     """  # noqa: D301 - \b is click's mark for text not to be rewrapped
 
 
-@twin.command(WINDOWS.name, cls=Verb)
+@twin.command(WINDOWS.name, cls=Verb, short_help="Window length, margin, handover, transform (Figure 5).")
 @_PLATFORMS
 @_common
 def windows(platforms: tuple[str, ...], **arguments: Any) -> int:
@@ -79,7 +79,7 @@ def windows(platforms: tuple[str, ...], **arguments: Any) -> int:
     return _run(WINDOWS, platforms or _HULLS, **arguments)
 
 
-@twin.command(SENSITIVITY.name, cls=Verb)
+@twin.command(SENSITIVITY.name, cls=Verb, short_help="Noise, offsets, wrong coefficients, steps, gaps.")
 @_PLATFORM
 @_common
 def sensitivity(platform: str, **arguments: Any) -> int:
@@ -92,7 +92,7 @@ def sensitivity(platform: str, **arguments: Any) -> int:
     return _run(SENSITIVITY, [platform], **arguments)
 
 
-@twin.command(RECOVERABILITY.name, cls=Verb)
+@twin.command(RECOVERABILITY.name, cls=Verb, short_help="Detectable yaw impulses; error budget of the current.")
 @_PLATFORM
 @_common
 def recoverability(platform: str, **arguments: Any) -> int:
@@ -105,7 +105,7 @@ def recoverability(platform: str, **arguments: Any) -> int:
     return _run(RECOVERABILITY, [platform], **arguments)
 
 
-@twin.command(ESTIMATORS.name, cls=Verb)
+@twin.command(ESTIMATORS.name, cls=Verb, short_help="Filter, smoothers and adjoint on the same twins.")
 @_PLATFORM
 @_common
 def estimators(platform: str, **arguments: Any) -> int:
@@ -118,7 +118,7 @@ def estimators(platform: str, **arguments: Any) -> int:
     return _run(ESTIMATORS, [platform], **arguments)
 
 
-@twin.command(CURRENTS, cls=Verb)
+@twin.command(CURRENTS, cls=Verb, short_help="Coverage of the ellipses; vertical resolution.")
 @_PLATFORM
 @click.option(
     "--budget",

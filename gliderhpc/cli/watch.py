@@ -109,7 +109,7 @@ def watch(
     plan: Path | None,
     log_file: Path | None,
 ) -> int:
-    """Invert every new dive whose files arrive in SOURCE, and report each once.
+    """Invert and report every new dive as its files arrive in SOURCE.
 
     SOURCE is a folder, a file, or a quoted pattern: files of the observation format, or the glider's own (Seaglider,
     SeaExplorer, Slocum, OG1). Each dive is added to the archive, and reported in a line and a JSON message. A file
