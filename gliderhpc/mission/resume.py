@@ -44,11 +44,6 @@ DIFFERENCES = {
 MISSING, FAILED, DAMAGED = "missing", "failed before", "damaged"
 
 
-def describe_difference(committed: Mapping[str, str], required: Mapping[str, str]) -> str | None:
-    """Describe the first input of a commit that differs from the required one, or return None if all are the same."""
-    return next((text for kind, text in DIFFERENCES.items() if committed.get(kind) != required[kind]), None)
-
-
 @dataclass(frozen=True)
 class Validity:
     """Validity of an archive's profiles for a run.
@@ -133,7 +128,7 @@ def _describe_reason(commit: Commit | Marker | str | None, inputs: Mapping[str, 
         return MISSING
     if isinstance(commit, str):
         return DAMAGED
-    difference = describe_difference(commit.inputs, inputs)
+    difference = next((text for kind, text in DIFFERENCES.items() if commit.inputs.get(kind) != inputs[kind]), None)
     if difference is not None:
         return f"made with {difference}"
     return None if commit.row.get("status") == "done" else FAILED

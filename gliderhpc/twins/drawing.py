@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 DPI = 130
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-GREY = "#999999"
 
 
 def new_sheet(width: float, height: float) -> Figure:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gliderhpc.findings.drawing import SMALL, TRUTH, footnote
+from gliderhpc.findings.drawing import SHADE, SMALL, TRUTH, footnote
 from gliderhpc.studies.library.passband import Passband, describe_unresolved
 from gliderhpc.studies.library.scores import COVERAGE
 from gliderhpc.twins.cases import PRESETS
@@ -20,7 +20,7 @@ from gliderhpc.twins.currents.runs import (
     GUSTS,
     WORLDS,
 )
-from gliderhpc.twins.drawing import COLOURS, GREY, label_axes, new_sheet
+from gliderhpc.twins.drawing import COLOURS, label_axes, new_sheet
 from gliderhpc.twins.scoring import Row, along_and_across
 from gliderhpc.twins.study import select
 
@@ -66,7 +66,7 @@ def _draw_errors(axes: Axes, rows: Sequence[Row]) -> None:
         *along_and_across(np.array([error_of(row) for row in rows]), track), "o", ms=2.5, color=COLOURS[0], alpha=0.5
     )
     for line in (axes.axhline, axes.axvline):
-        line(0.0, color=GREY, lw=0.7, zorder=0)
+        line(0.0, color=SHADE, lw=0.7, zorder=0)
     axes.set_aspect("equal", "datalim")
     title = f"depth-averaged current, {len(rows)} twins"
     label_axes(axes, "error along the track, m/s", "error across the track, m/s", title)
@@ -108,7 +108,7 @@ def _draw_transfer(axes: Axes, transfer: Sequence[Row], score: str, name: str) -
 def _mark_unresolved(axes: Axes, band: Passband) -> None:
     """Shade the scales that moving average and smoothing remove; mark where the hull begins to follow the water."""
     low, high = axes.get_xlim()
-    axes.axvspan(min(band.baseline_limit, high), high, color=GREY, alpha=0.25, lw=0)
-    axes.axvspan(low, max(band.smoothing_limit, low), color=GREY, alpha=0.25, lw=0)
-    axes.axvline(band.following_limit, color=GREY, lw=0.9, ls="-.")
+    axes.axvspan(min(band.baseline_limit, high), high, color=SHADE, alpha=0.25, lw=0)
+    axes.axvspan(low, max(band.smoothing_limit, low), color=SHADE, alpha=0.25, lw=0)
+    axes.axvline(band.following_limit, color=SHADE, lw=0.9, ls="-.")
     axes.set_xlim(low, high)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gliderhpc.findings.drawing import SMALL, TRUTH
-from gliderhpc.twins.drawing import COLOURS, GREY, label_axes, new_sheet
+from gliderhpc.findings.drawing import SHADE, SMALL, TRUTH
+from gliderhpc.twins.drawing import COLOURS, label_axes, new_sheet
 from gliderhpc.twins.estimators.methods import ESTIMATORS, HEAVY_TAILED, SMOOTHER
 from gliderhpc.twins.estimators.runs import CALM, COEFFICIENTS, HARSH, IMPULSIVE, PRIOR, interval_name
 from gliderhpc.twins.scoring import INTERVALS, LONGITUDINAL_AND_YAW, Row
@@ -103,7 +103,7 @@ def _draw_coverage(axes: Axes, summary: Sequence[Row]) -> None:
                 label=f"{estimator.label}, {label} %",
             )
     for label in INTERVALS:
-        axes.axhline(0.01 * float(label), color=GREY, lw=0.7, zorder=0)
+        axes.axhline(0.01 * float(label), color=SHADE, lw=0.7, zorder=0)
     axes.set_ylim(0.0, 1.02)
     axes.set_xticks(np.arange(len(CHANNELS)), list(CHANNELS))
     axes.legend(fontsize=SMALL - 1, frameon=False, loc="lower right")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gliderhpc.findings.drawing import SMALL
+from gliderhpc.findings.drawing import SHADE, SMALL
 from gliderhpc.twins.cases import PRESETS
-from gliderhpc.twins.drawing import COLOURS, GREY, label_axes, new_sheet
+from gliderhpc.twins.drawing import COLOURS, label_axes, new_sheet
 from gliderhpc.twins.scoring import Row, along_and_across
 from gliderhpc.twins.study import select
 
@@ -35,10 +35,10 @@ def draw_recoverability(noise: Mapping[str, Row], detection: Sequence[Row], moti
     for column, preset in enumerate(noise):
         rate, gain = figure.add_subplot(grid[0, column]), figure.add_subplot(grid[1, column])
         _draw_detection(rate, gain, select(detection, preset=preset))
-        rate.axvline(noise[preset]["threshold"], color=GREY, lw=0.7, zorder=0)
+        rate.axvline(noise[preset]["threshold"], color=SHADE, lw=0.7, zorder=0)
         for axes in (rate, gain):
             axes.set_xscale("log")
-        gain.axhline(1.0, color=GREY, lw=0.7, zorder=0)
+        gain.axhline(1.0, color=SHADE, lw=0.7, zorder=0)
         gain.set_ylim(0.0, 2.0)
         rate.legend(fontsize=SMALL - 1, frameon=False, title="width", title_fontsize=SMALL - 1)
         label_axes(rate, "amplitude, N m", "detection rate", f"preset {preset}; grey: threshold")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.findings.drawing import SMALL, TRUTH
+from gliderhpc.findings.drawing import SHADE, SMALL, TRUTH
 from gliderhpc.twins.cases import OPERATING_LENGTH
-from gliderhpc.twins.drawing import COLOURS, GREY, label_axes, new_sheet
+from gliderhpc.twins.drawing import COLOURS, label_axes, new_sheet
 from gliderhpc.twins.scoring import Row
 from gliderhpc.twins.study import select
 
@@ -83,7 +83,7 @@ def _draw_excerpt(axes: Axes, excerpt: Excerpt, letter: str) -> None:
     axes.plot(excerpt.time, excerpt.truth, color=TRUTH, lw=1.4, label="truth")
     axes.plot(excerpt.time, excerpt.estimate, color=colour, lw=1.0, label="identified")
     for boundary in excerpt.boundaries:
-        axes.axvline(boundary, color=GREY, lw=0.5, zorder=0)
+        axes.axvline(boundary, color=SHADE, lw=0.5, zorder=0)
     handover = "overlapping, margin 10 s" if excerpt.sliding else "non-overlapping"
     label_axes(
         axes,
@@ -109,7 +109,7 @@ def _draw_lengths(axes: Axes, summary: Sequence[Row], score: str, label: str, lo
                 axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
     if logarithmic:
         axes.set_yscale("log")
-    axes.axvline(OPERATING_LENGTH, color=GREY, lw=0.6, zorder=0)
+    axes.axvline(OPERATING_LENGTH, color=SHADE, lw=0.6, zorder=0)
     label_axes(axes, "window length, s", label)
 
 
