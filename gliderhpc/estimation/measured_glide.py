@@ -99,8 +99,8 @@ def _corrected(polar: GlidePolar, differences: list[_HalfDifference]) -> tuple[G
     usual = float(np.median(attack))
     if not usual > 0.0:
         return polar, (
-            f"the relative velocity is not used: its angle of attack, half of dives less climbs, is "
-            f"{math.degrees(usual):.1f} degrees, and no glider's is negative"
+            f"the relative velocity is not used: its angle of attack (half the difference of dives and climbs) "
+            f"is {math.degrees(usual):.1f} degrees, but must be positive"
         )
     scatter = _error_of_mean(attack) if len(attack) > 1 else 0.5 * usual
     error = math.hypot(scatter, MIN_ATTACK_ERROR * usual)

@@ -155,8 +155,8 @@ def _remarks_on_record(platform: Platform, estimate: ProfileEstimate) -> list[st
     """Remark on the disturbance prior, and on filled, false and noisy samples."""
     series, lines = estimate.series, []
     if estimate.filtered.prior_name == "rough_water":
-        freed = "the yawing moment was" if estimate.profile.is_slow else "sway and roll were"
-        lines.append(f"the default disturbance prior does not fit this record, so {freed} given a gust prior")
+        channels = "the yaw moment" if estimate.profile.is_slow else "sway and roll"
+        lines.append(f"the default disturbance prior does not fit this record; gust prior used for {channels}")
     if series.filled:
         interval = series.attitude_interval if "pitch" in series.filled else series.sample_interval
         lines.append(

@@ -56,7 +56,7 @@ def check_sensors(record: ProfileRecord) -> None:
             raise ProfileError(
                 f"profile {record.number}: the depth stays at {depth[start]:.6g} m for {duration / 60.0:.0f} minutes, "
                 f"from {time[start]:.0f} s on, at a pitch of {np.degrees(angle):.0f} degrees: the sensor had stopped, "
-                "or the glider lay on the ground; mark the depth missing (NaN) there, or cut the profile"
+                "or the glider lay on the bottom; mark the depth missing (NaN) there, or end the profile before"
             )
 
 
@@ -131,8 +131,8 @@ def without_false_controls(record: ProfileRecord) -> tuple[ProfileRecord, tuple[
         first = values[false[0]] / in_file.si_factor
         found = counted(len(false), f"isolated false sample of {name} is", f"isolated false samples of {name} are")
         texts.append(
-            f"{found} left out, the first {first:.4g} {in_file.unit} after {record.time[false[0]]:.0f} s, which"
-            " no other movement of the actuator comes near: mark them missing (NaN)"
+            f"{found} left out, the first {first:.4g} {in_file.unit} after {record.time[false[0]]:.0f} s; the"
+            " actuator's other movements never come near this value: mark them missing (NaN)"
         )
     return (replace(record, **cleaned) if cleaned else record), tuple(texts)
 

@@ -109,5 +109,5 @@ def describe_rests(series: ProfileSeries) -> list[str]:
     return [
         f"left out: {seconds:.0f} s {describe_levels(levels)}, where the glider did not glide, as on the bottom or "
         f"hovering; the current includes this time ({share:.0%}), and is {at_most}{share / (1.0 - share):.0%} stronger "
-        "if the glider lay on the ground"
+        "if the glider lay on the bottom"
     ]

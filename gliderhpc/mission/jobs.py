@@ -193,7 +193,7 @@ class _BatchRunner:
             record = self._observations.profile(number)
             row, segments = recompute_currents(record, commit, self._job.settings, self._job.platform)
         except (ProfileError, *UNREADABLE) as error:
-            log.warning("profile %d: its currents cannot be derived again (%s); it will be recomputed", number, error)
+            log.warning("profile %d: its currents cannot be updated (%s); all of it will be recomputed", number, error)
             return False
         self._rows.begin(index)
         self._rows.write(index, "drift_current", segments)
@@ -312,7 +312,7 @@ def profile_results(
             _raise_if_permanent(attempt.error)
             unfinished = tuple(profile for profile in attempt.job.profiles if profile[0] not in finished)
             log.warning(
-                "%s: %s; each will be retried individually", _describe_profiles(unfinished), one_line(attempt.error)
+                "%s: %s; each will be retried on its own", _describe_profiles(unfinished), one_line(attempt.error)
             )
             retries = [run.job((profile,), token) for profile in unfinished]
             (killed if was_killed(attempt.error) else raised).extend(retries)

@@ -200,7 +200,7 @@ def prepare(request: Request, archive: Archive, _: tuple[int, ...], settings: Hu
     if not mission.terms:
         raise InputError(
             f"{NAME}: none of the {counted(len(numbers), 'profile')} has information on the hull, because the smoother "
-            "has no estimate of them, or its filter does not follow them; `gliderhpc info` shows the reasons"
+            "has no estimate for them, or its filter does not follow them; `gliderhpc info` shows the reasons"
         )
     stated = mission.platform.uncertainty is not None and mission.platform.uncertainty.covariance is not None
     mission, check = agreeing_terms(archive, mission, robust=settings.robust)

@@ -264,7 +264,7 @@ def test_a_long_gap_in_a_numbered_profile_and_fixes_inside_it_are_named(tmp_path
     )
     (message,) = _messages(found)
     assert "no depth or attitude for 60 minutes" in message
-    assert "the displacement in this gap is a guess" in message
+    assert "the displacement over this gap is only a guess" in message
     assert "between two dives of the profile: its current is a mean over these dives and the surfacing" in message
 
 

@@ -202,7 +202,7 @@ def test_an_estimator_that_fails_costs_its_profile_alone(dips, tmp_path, monkeyp
     with xr.open_datatree(store, engine="zarr") as tree:
         assert list(tree["status"].values) == ["done", "failed", "done"]
         assert str(tree["message"].sel(profile=5).values) == "FloatingPointError: the gain is singular"
-    assert "each will be retried individually" in answer.err
+    assert "each will be retried on its own" in answer.err
     assert "Traceback" in answer.err
     monkeypatch.setattr(jobs, "derive_and_write", whole)
     answer = program("run-mission", dips, *WHOLE, "--store", store, "--profiles", "4:6", "--resume")

@@ -680,7 +680,7 @@ def test_stored_tracks_of_another_form_are_not_used(other_fixes, swift_store, tm
     rows.commit(2, commit.row, commit.inputs, "2026-01-01T00:00:00Z", extra={"other": 1}, amended=commit.manifest)
     answer = program("run-mission", path, *WHOLE, "--store", store, "--resume")
     assert answer.status == 0, answer.err
-    assert "its currents cannot be derived again" in answer.err
+    assert "its currents cannot be updated" in answer.err
     assert program("compare", store, whole).status == 0
 
 

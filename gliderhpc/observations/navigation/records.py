@@ -397,8 +397,8 @@ def _describe_gap(seconds: FloatArray, *measured: FloatArray) -> Iterator[str]:
     begin, lasts = max(gaps, key=lambda gap: gap[1])
     if lasts > NOTED_GAP:
         yield (
-            f"no depth or attitude for {lasts / 60.0:.0f} minutes, from {begin:.0f} s on: the displacement in this gap "
-            "is a guess"
+            f"no depth or attitude for {lasts / 60.0:.0f} minutes, from {begin:.0f} s on: the displacement over this "
+            "gap is only a guess"
         )
 
 

@@ -135,7 +135,7 @@ def _study_blocks(name: str, findings: Findings, headings: Mapping[str, str]) ->
 
 _COMPARISON_CAPTION = (
     "The paper's values and this mission's, with their ratio (to the nearest end of a range). Another "
-    "hull, place or season need not give the same."
+    "hull, place or season may give different values."
 )
 
 

@@ -239,8 +239,8 @@ def _table_caption(provenance: Provenance, table: pd.DataFrame) -> str:
         return text + "Without a fix before and after the dive there is no ellipse."
     major, minor = (number(float(table[f"ellipse_{axis}"].median())) for axis in ("major", "minor"))
     return (
-        f"{text}Ellipses are of one sigma and contain {COVERAGE[1]:.0%} of normal errors; median semi-axes {major} "
-        f"and {minor} m/s. They include {_errors_included(table)}, but no other error that all profiles share."
+        f"{text}One-sigma ellipses, which contain {COVERAGE[1]:.0%} of normally distributed errors; median semi-axes "
+        f"{major} and {minor} m/s. They include {_errors_included(table)}, but no other error that all profiles share."
     )
 
 
