@@ -119,7 +119,7 @@ def test_dives_without_information_on_the_roll_cannot_show_its_change():
     history = history_of(mission, content)
     lines = dict(zip([p.key for p in history.suspects], shown_hull.verdict_lines(history), strict=True))
     assert lines.pop("position.hull.1") == (
-        "roll trim (hull's mass to starboard): the dives cannot show a change (probability 0.50)"
+        "roll trim (hull's mass to starboard): the dives cannot reveal a change (probability 0.50)"
     )
     assert all("no change detected" in line for line in lines.values())
 

@@ -175,7 +175,7 @@ def _verdict(history: HullHistory, p: HullParameter) -> str:
     if not np.isfinite(probability):
         return f"{p.meaning}: too few dives to detect a change"
     if probability < POSSIBLE:
-        shown = "no change detected" if _is_judged(history, p) else "the dives cannot show a change"
+        shown = "no change detected" if _is_judged(history, p) else "the dives cannot reveal a change"
         return f"{p.meaning}: {shown} (probability {probability:.2f})"
     low, high = sorted((change["onset_low"], change["onset_high"]))
     form = "abruptly at" if change["step_probability"] > 0.5 else "gradually from"
