@@ -864,7 +864,7 @@ def test_a_platform_that_could_not_be_used_is_not_written(mission, tmp_path, mon
     """A file that the next command refuses must not come with exit status 0."""
     found = calibrate_on_glides(PETREL, glides(TRUTH, PETREL), glides(TRUTH, PETREL), EASY)
     corrupted = replace(found, platform=with_values(found.platform, values))
-    monkeypatch.setattr(workflow, "fit", lambda *_: corrupted)
+    monkeypatch.setattr(workflow, "calibrate_on_glides", lambda *_: corrupted)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     (line,) = answer.err.splitlines()[-1:]
@@ -877,7 +877,7 @@ def test_a_fit_that_is_refused_exits_with_one_line_and_no_file(mission, tmp_path
     def refused(*_):
         raise CalibrationError("calibration: the fit is worse than its start, so nothing is written; look")
 
-    monkeypatch.setattr(workflow, "fit", refused)
+    monkeypatch.setattr(workflow, "calibrate_on_glides", refused)
     answer = program("calibrate", mission, "--platform", "petrel-l", "--out", tmp_path / "one.yaml", *GLIDES_ALONE)
     assert answer.status == 1
     assert answer.err.splitlines()[-1].startswith("gliderhpc: calibration: the fit is worse than its start")
