@@ -21,7 +21,7 @@ from gliderhpc.errors import InputError, first_line
 from gliderhpc.observations.checks.heading_values import RANGE
 from gliderhpc.observations.files.columns import DEFAULT_UNITS, FACTORS, UnitError
 from gliderhpc.observations.files.file_content import describe_failure
-from gliderhpc.observations.files.foreign import name_compressed, refuse_compressed
+from gliderhpc.observations.files.foreign import IN_THE_FORMAT, is_in_the_format, name_compressed, refuse_compressed
 from gliderhpc.observations.files.packed import open_dataset
 from gliderhpc.observations.files.valid_limits import declared_limits, describe_outside, outside
 from gliderhpc.observations.fixes import decimal_degrees
@@ -296,6 +296,8 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
     clocks = [name for name in (SCIENCE_CLOCK, FLIGHT_CLOCK) if name in dataset.variables]
     held = any(sensor.name in dataset.variables for sensor in science)
     only_science = held and not any(sensor.required and sensor.name in dataset.variables for sensor in flight)
+    if is_in_the_format(map(str, dataset.variables)):
+        raise InputError(f"{path}: {IN_THE_FORMAT}")
     if not clocks or not (FLIGHT_CLOCK in clocks or only_science):
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must contain native sensors with the time of each record")
     return (

@@ -30,6 +30,7 @@ import gliderhpc
 from gliderhpc.cli.records import import_
 from gliderhpc.errors import InputError
 from gliderhpc.observations import open_observations
+from gliderhpc.observations.files.foreign import HELPFUL_ORDER
 from gliderhpc.observations.instruments.slocum import import_slocum
 
 CUT_SHORT = "ends before its closing mark; the complete records before the cut are imported"
@@ -319,6 +320,13 @@ def test_a_fault_is_reported_in_one_line(tmp_path, flown, units, words):
     with pytest.raises(InputError, match=words) as refused:
         imported(tmp_path, flown, units=units)
     assert "\n" not in str(refused.value)
+
+
+def test_a_file_in_the_observation_format_needs_no_import(tmp_path):
+    path = tmp_path / "mission.nc"
+    xr.Dataset({name: ("time", np.zeros(5)) for name in HELPFUL_ORDER}).to_netcdf(path)
+    with pytest.raises(InputError, match=r"mission\.nc: is already in the observation format"):
+        import_slocum([path], tmp_path / "out.nc")
 
 
 def test_a_bad_file_is_left_out_alone(tmp_path):
