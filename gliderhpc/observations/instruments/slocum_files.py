@@ -290,13 +290,14 @@ def read_decoded(path: Path, part: int, flight: Sequence[Sensor], science: Seque
         with open_dataset(path, engine="netcdf4", decode_times=False) as stored:
             names = {FLIGHT_CLOCK, SCIENCE_CLOCK, *(sensor.name for sensor in (*flight, *science))}
             dataset = stored[[name for name in stored.variables if name in names]].load()
+            is_observations = is_in_the_format(map(str, stored.variables))
     except (OSError, RuntimeError, ValueError) as error:
         content = describe_failure(path, error) or f"cannot be read as netCDF ({first_line(error)})"
         raise InputError(f"{path}: {content}") from error
     clocks = [name for name in (SCIENCE_CLOCK, FLIGHT_CLOCK) if name in dataset.variables]
     held = any(sensor.name in dataset.variables for sensor in science)
     only_science = held and not any(sensor.required and sensor.name in dataset.variables for sensor in flight)
-    if is_in_the_format(map(str, dataset.variables)):
+    if is_observations:
         raise InputError(f"{path}: {IN_THE_FORMAT}")
     if not clocks or not (FLIGHT_CLOCK in clocks or only_science):
         raise InputError(f"{path}: has no {FLIGHT_CLOCK}; it must contain native sensors with the time of each record")
