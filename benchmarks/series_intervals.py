@@ -135,8 +135,8 @@ def section(seeds: range, dives: int) -> str:
         "(`smoother.hull=believed`); the *unknown* one is wrong in all parameters by plausible deviations and calibrated on\n"
         f"the mission's {CALIBRATION_DIVES} dives ([unknown hulls](unknown-hull.md)).\n\n"
         "The adjoint's interval follows from the smoother's posterior and shares its faults: both are too wide where the\n"
-        "disturbance is much calmer than its prior, and too narrow where a force departs from it, as the surge in shear and\n"
-        f"the sway in rare gusts do.\n\n{table}"
+        "disturbance is much calmer than its prior, and too narrow where a force departs from it, as the surge does in shear\n"
+        f"and gusts and, in slow records, the sway in gusts.\n\n{table}"
     )
 
 
