@@ -134,7 +134,10 @@ def test_a_moment_on_one_leg_and_a_small_one():
     small = {("B_cq", phase): 0.2 * PER_DEGREE for phase in PHASES}
     changes = find_moment_changes(stepped(moments=small), HULL, SETTINGS, 0)
     assert changes.found == ()
-    assert "no step, ramp or episode of rolling, pitching or yawing moment is" in moment_lines(changes, PER_DEGREE)[0]
+    assert (
+        "no step, ramp or episode of rolling, pitching or yawing moment was detected"
+        in moment_lines(changes, PER_DEGREE)[0]
+    )
     all_named = SETTINGS.model_copy(update={"smallest_tilt": 0.1})
     assert len(find_moment_changes(stepped(moments=small), HULL, all_named, 0).found) == 1
 
