@@ -174,7 +174,7 @@ class NextSurfacing(_Part):
     """Predicted end of the next dive, from the displacements and currents of the dives so far, or from its plan."""
 
     plan: str = Field(
-        "", description="planned heading, duration and speed, where given; empty if a dive like this one is assumed"
+        "", description="planned heading, duration and speed, where given; empty if a dive like those before is assumed"
     )
     time: str = _field("", "time, ISO 8601, UTC")
     latitude: float = _field("degree_north", "latitude")

@@ -176,7 +176,7 @@ def predict_from(
 
 @dataclass(frozen=True, eq=False)
 class _Cycle:
-    """Predicted displacement from the surfacing after a dive to the next: at the surface, and in a dive like this one.
+    """Predicted displacement from the surfacing after a dive to the next: at the surface, and in the next dive.
 
     Attributes
     ----------

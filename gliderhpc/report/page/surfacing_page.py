@@ -85,7 +85,7 @@ def _next_surfacing(message: SurfacingMessage) -> str:
         return "unknown"
     position = f"{following.latitude:.4f}, {following.longitude:.4f} at {following.time}"
     predicted = polar(following.current_north, following.current_east)
-    dive = f"a dive as planned ({following.plan})" if following.plan else "a dive like this one"
+    dive = f"a dive as planned ({following.plan})" if following.plan else "a dive like those before"
     return (
         f"{position}, after {dive}; {_ellipse(following.ellipse, 0, 'm')}; current until then {predicted} "
         f"({counted(following.dives, 'dive')})"
