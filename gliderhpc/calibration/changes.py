@@ -5,35 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from gliderhpc.flight.hull_parameters import HullParameter, errors_in_units, stated_covariance, with_covariance
-from gliderhpc.mission_hull.estimate import ProfileTerm
 from gliderhpc.mission_hull.gaussian_chain import Array
 from gliderhpc.mission_hull.joint_change import JointChange
 from gliderhpc.mission_hull.single_changes import PROBABLE
 from gliderhpc.platform import Platform
-from gliderhpc.studies.hull import HullSettings, MissionTerms, combine_terms, joint_in_units
-from gliderhpc.surfacing.recent_hull import read_joint_change
+from gliderhpc.studies.hull import HullSettings, MissionTerms, combine_terms
+from gliderhpc.surfacing.recent_hull import describe_joint_change
 
 MIN_ON_EACH_SIDE = 3
 """Minimum number of dives before and after a step. A few dives in rougher water, at one end, can resemble one."""
-
-
-@dataclass(frozen=True, eq=False)
-class DiveInformation:
-    """Information of a calibration's dives on the hull.
-
-    Attributes
-    ----------
-    platform : Platform
-        Hull from which the errors are measured.
-    parameters : tuple of HullParameter
-        Errors of the hull and the records.
-    terms : tuple of ProfileTerm
-        The dives' information on them, about the hull found.
-    """
-
-    platform: Platform
-    parameters: tuple[HullParameter, ...]
-    terms: tuple[ProfileTerm, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +37,12 @@ class ChangeAmongDives:
         return with_covariance(hull, errors_in_units(hull, parameters, np.zeros(len(parameters)), covariance))
 
 
-def find_change(dives: DiveInformation) -> ChangeAmongDives | None:
+def find_change(dives: MissionTerms) -> ChangeAmongDives | None:
     """Return the change of the hull among the dives, if there is probably one, as study ``hull`` finds it."""
-    terms = tuple(sorted(dives.terms, key=lambda term: term.time))
-    mission = MissionTerms(dives.platform, dives.parameters, terms, without=())
-    hull, _, joint = combine_terms(mission, HullSettings())
-    if joint is None or joint.probability < PROBABLE or _is_at_one_end(joint, len(terms)):
+    hull, _, joint = combine_terms(dives, HullSettings())
+    if joint is None or joint.probability < PROBABLE or _is_at_one_end(joint, len(dives.terms)):
         return None
-    values = zip(dives.parameters, hull.smoothed[0].mean.tolist(), strict=True)
-    first = {p.key: p.moved(dives.platform, steps) for p, steps in values}
-    found = read_joint_change(joint_in_units(mission, hull, joint), dives.parameters, first, len(terms))
+    found = describe_joint_change(dives, hull, joint)
     warning = (
         f"the hull changed among these dives, {found.course}, with probability {found.probability:.3f}, {found.cause}; "
         "or the dives were flown differently (pitch, drive) and the platform file describes the hull less well in one "

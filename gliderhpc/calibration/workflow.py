@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.calibration.changes import DiveInformation, find_change
+from gliderhpc.calibration.changes import find_change
 from gliderhpc.calibration.dives.fit import DiveCalibrationInputs, calibrate_on_dives
 from gliderhpc.calibration.estimated_hulls import CalibratedHull, HullFromDives, HullFromGlides, TunedHull
 from gliderhpc.calibration.glides.fit import calibrate_on_glides, fit_trim
@@ -24,6 +24,7 @@ from gliderhpc.mission.executors import OpenExecutor, Progress, no_progress
 from gliderhpc.observations import Observations
 from gliderhpc.observations.profile_numbers import evenly_spaced, select_profiles
 from gliderhpc.platform import Platform
+from gliderhpc.studies.hull import MissionTerms
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -127,7 +128,7 @@ def _calibrate_on_dives_or_glides(
     return _with_change(HullFromGlides(platform=hull, calibration=steady, failure=failure), steady.information)
 
 
-def _with_change(calibrated: CalibratedHull, dives: DiveInformation) -> CalibratedHull:
+def _with_change(calibrated: CalibratedHull, dives: MissionTerms) -> CalibratedHull:
     """Return a calibrated hull with a warning, and wider errors, if the hull has probably changed among the dives."""
     with threadpool_limits(limits=1):
         change = find_change(dives)

@@ -6,7 +6,7 @@ from all profiles and from the profiles up to that one. A step or a ramp that st
 change. The results are added to the same group.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -82,7 +82,7 @@ acts where the oil does, whose volume the parameter is."""
 
 @dataclass(frozen=True, eq=False)
 class MissionTerms:
-    """Hull of an archive, the parameters that have an effect, and the profiles' information on them.
+    """Hull of a mission, the parameters that have an effect, and the profiles' information on them.
 
     Attributes
     ----------
@@ -158,7 +158,12 @@ def read_terms(archive: Archive, numbers: Sequence[int]) -> MissionTerms:
     ]
     terms = [term for term in terms if _is_sound(term)]
     without = tuple(sorted(set(numbers) - {term.number for term in terms}))
-    return MissionTerms(platform, parameters, tuple(sorted(terms, key=lambda term: term.time)), without, labels)
+    return MissionTerms(platform, parameters, in_order_of_time(terms), without, labels)
+
+
+def in_order_of_time(terms: Iterable[ProfileTerm]) -> tuple[ProfileTerm, ...]:
+    """Return the terms of profiles in the order of time."""
+    return tuple(sorted(terms, key=lambda term: term.time))
 
 
 def _is_sound(term: ProfileTerm) -> bool:

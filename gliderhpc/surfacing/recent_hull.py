@@ -129,14 +129,16 @@ def hull_changes(hull: RecentHull) -> tuple[HullChange, ...]:
 
 def joint_change(hull: RecentHull) -> JointHullChange | None:
     """Return the change of any of the parameters that may change; None with too few dives."""
-    mission, combined = hull.mission, hull.combined
-    if hull.joint is None:
-        return None
+    return None if hull.joint is None else describe_joint_change(hull.mission, hull.combined, hull.joint)
+
+
+def describe_joint_change(mission: MissionTerms, combined: MissionHull, joint: JointChange) -> JointHullChange:
+    """Return the change of any of the parameters with texts, given the dives and their sum."""
     first = {
         p.key: p.moved(mission.platform, float(eta))
         for p, eta in zip(mission.parameters, combined.smoothed[0].mean, strict=True)
     }
-    found = joint_in_units(mission, combined, hull.joint)
+    found = joint_in_units(mission, combined, joint)
     return read_joint_change(found, mission.parameters, first, len(mission.terms))
 
 

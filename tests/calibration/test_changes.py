@@ -7,7 +7,7 @@ import pytest
 from support.missions import program
 
 import gliderhpc as gh
-from gliderhpc.calibration.changes import MIN_ON_EACH_SIDE, DiveInformation, find_change
+from gliderhpc.calibration.changes import MIN_ON_EACH_SIDE, find_change
 from gliderhpc.flight.hull_parameters import (
     errors_in_units,
     hull_parameters,
@@ -19,6 +19,7 @@ from gliderhpc.mission_hull.estimate import ProfileTerm
 from gliderhpc.platform import read_platform
 from gliderhpc.simulator import simulate_mission
 from gliderhpc.simulator.scenario import load_scenario
+from gliderhpc.studies.hull import MissionTerms, in_order_of_time
 
 PETREL = read_platform("petrel-l")
 LIGHTER = with_values(PETREL, {"buoyancy.neutral_volume": PETREL.buoyancy.neutral_volume - 60.0})
@@ -39,7 +40,7 @@ def dives_with_step(after, size=0.5, seed=0):
         score = 400.0 * eta + rng.normal(scale=20.0, size=len(eta))
         time = np.datetime64("2024-05-01T00:00:00", "ns") + np.timedelta64(3 * number, "h")
         terms.append(ProfileTerm(number, time, np.zeros(len(eta)), score, 400.0 * np.eye(len(eta))))
-    return DiveInformation(PETREL, PARAMETERS, tuple(reversed(terms)))
+    return MissionTerms(PETREL, PARAMETERS, in_order_of_time(reversed(terms)), without=())
 
 
 def test_a_change_is_described_with_its_onset_size_and_remedy():

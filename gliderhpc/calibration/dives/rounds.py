@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from gliderhpc.calibration.changes import DiveInformation
 from gliderhpc.calibration.glides.segment_errors import LATERAL
 from gliderhpc.calibration.settings import CalibrateSettings, RoundSettings
 from gliderhpc.errors import CalibrationError, ProfileError
@@ -46,6 +45,7 @@ from gliderhpc.observations.records import ProfileRecord
 from gliderhpc.observations.series import ProfileSeries
 from gliderhpc.observations.survey import Survey
 from gliderhpc.platform import Platform
+from gliderhpc.studies.hull import MissionTerms, in_order_of_time
 
 log = logging.getLogger("gliderhpc.calibrate")
 
@@ -280,9 +280,9 @@ class HullRounds:
         return Gaussian(self.eta, self.mission.overall.covariance + np.outer(self.full_step, self.full_step))
 
     @property
-    def information(self) -> DiveInformation:
-        """Undivided information of all profiles."""
-        return DiveInformation(self.base, self.parameters, self.terms)
+    def information(self) -> MissionTerms:
+        """Undivided information of all profiles, in the order of time."""
+        return MissionTerms(self.base, self.parameters, in_order_of_time(self.terms), without=())
 
 
 class _Round(NamedTuple):

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.calibration.changes import DiveInformation
 from gliderhpc.calibration.glides.score import score
 from gliderhpc.calibration.glides.search import CalibrationSearch, CalibrationVerdict
 from gliderhpc.calibration.glides.segment_errors import SegmentErrors, middle_of
@@ -17,6 +16,7 @@ from gliderhpc.distributions import few_values_factor
 from gliderhpc.estimation.least_squares import sensitivity
 from gliderhpc.flight.hull_parameters import TREND, UNFITTED_MOTION
 from gliderhpc.mission_hull.estimate import ProfileTerm
+from gliderhpc.studies.hull import MissionTerms, in_order_of_time
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -57,7 +57,7 @@ class Fit:
         by_motion = np.sum(self.covariance[np.ix_(free, motion)] ** 2, axis=1)
         return float(np.max(np.diag(self.covariance)[free] - by_motion, initial=0.0))
 
-    def information(self) -> DiveInformation:
+    def information(self) -> MissionTerms:
         """Information of each profile on all parameters and on the errors that are not fitted; a trend stays as fitted.
 
         Notes
@@ -77,7 +77,8 @@ class Fit:
             score = -of_profile.T @ residuals[errors.profile == number]
             time = middle_of(errors.segments.time[errors.segments.profile == number])
             terms.append(ProfileTerm(number, time, steps[kept], score, of_profile.T @ of_profile))
-        return DiveInformation(errors.platform, tuple(every[i] for i in kept), tuple(terms))
+        parameters = tuple(every[i] for i in kept)
+        return MissionTerms(errors.platform, parameters, in_order_of_time(terms), without=())
 
 
 def fit_covariance(errors: SegmentErrors, search: CalibrationSearch) -> Array:

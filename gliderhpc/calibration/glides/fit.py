@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gliderhpc.calibration.changes import DiveInformation
 from gliderhpc.calibration.glides.covariance import (
     HELD_REASONS,
     LEVEL,
@@ -50,6 +49,7 @@ from gliderhpc.flight.hull_parameters import (
 from gliderhpc.flight.steady_glide import glides_stably
 from gliderhpc.platform import Platform
 from gliderhpc.platform_sections import CalibrationErrors
+from gliderhpc.studies.hull import MissionTerms
 from gliderhpc.wording import counted
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ class GlideCalibration:
         Scores on the profiles used and on those held out (without segments if there were none).
     reference_time : numpy.datetime64
         Time to which the neutral volume belongs if it has a trend.
-    information : DiveInformation
+    information : MissionTerms
         Information of each fitted profile on the errors of the hull and the attitude.
     left_out : tuple of DisagreeingProfile
         Profiles that were left out of the fit, because they do not fit the hull of the others.
@@ -125,7 +125,7 @@ class GlideCalibration:
     fitted: Score
     held_out: Score
     reference_time: np.datetime64
-    information: DiveInformation
+    information: MissionTerms
     left_out: tuple[DisagreeingProfile, ...] = ()
 
 
